@@ -8,7 +8,7 @@ STAMP := $(VENV)/.installed$(if $(LATEST),-latest)
 DEMO_STAMP := $(VENV)/.demo$(if $(LATEST),-latest)
 # The tested set: with hashes for every extra, and without hashes.
 TESTED := constraints.txt
-TESTED_VERSIONS := avs3d_bench/tested_versions.txt
+TESTED_VERSIONS := avs3d_bench/runtime/tested_versions.txt
 EXTRAS := generate,baselines,train,cluster,inspect,exports,sofa,dev,docs
 MANIFEST ?= scenes_manifest/open-s34-o7.yaml
 NAME := $(basename $(notdir $(MANIFEST)))
@@ -176,8 +176,8 @@ docs-tables: setup ## write the tables of recorded figures in README.md and docs
 bench: setup ## measure speed and memory; writes build/bench.json
 	$(BIN)/python -m benchmarks.run
 
-schemas: setup ## write the JSON Schemas in avs3d_bench/schemas again
-	$(BIN)/avs3d schema -o avs3d_bench/schemas
+schemas: setup ## write the JSON Schemas in avs3d_bench/contract/schemas again
+	$(BIN)/avs3d schema -o avs3d_bench/contract/schemas
 
 clean: ## remove ./.venv, builds and caches
 	rm -rf $(VENV) .venv-latest build site *.egg-info .pytest_cache .mypy_cache .ruff_cache

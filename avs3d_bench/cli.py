@@ -20,19 +20,19 @@ import click
 from click.exceptions import NoArgsIsHelpError
 
 from avs3d_bench import __version__
-from avs3d_bench.click_options import PATH, WORKERS, Group, only_option
+from avs3d_bench.commands.click_options import PATH, WORKERS, Group, only_option
+from avs3d_bench.commands.outputs import OUTPUT_FOLDER, OutputFile, Signature
+from avs3d_bench.commands.report import REPORT_JSON
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.imports import missing_extra, package_asking
-from avs3d_bench.memory_limit import check_address_space, out_of_memory
-from avs3d_bench.one_thread import ONE_THREAD
-from avs3d_bench.outputs import OUTPUT_FOLDER, OutputFile, Signature
-from avs3d_bench.report import REPORT_JSON
-from avs3d_bench.text import printable
+from avs3d_bench.runtime.imports import missing_extra, package_asking
+from avs3d_bench.runtime.memory_limit import check_address_space, out_of_memory
+from avs3d_bench.runtime.one_thread import ONE_THREAD
+from avs3d_bench.text.printable import printable
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
-    from avs3d_bench.report import Problem
+    from avs3d_bench.commands.report import Problem
 
 GROUP = "avs3d.commands"
 #: One line per command of this project, so that the list of commands needs no import.
@@ -153,9 +153,9 @@ def validate(
     Exit status: 0 valid, 1 problems found, 2 usage (also: made by other versions than --regenerate finds here). The
     official release is checked as what it is. Of WebDataset shards, the index and the tars are checked.
     """
+    from avs3d_bench.commands.report import print_report
     from avs3d_bench.exports.shard_check import check_shards, holds_shards
-    from avs3d_bench.files import write_json
-    from avs3d_bench.report import print_report
+    from avs3d_bench.formats.files import write_json
     from avs3d_bench.validate import validate as check
 
     again = _regenerate(root, regenerate, seed, manifest, hrtf) if regenerate else ()
@@ -164,7 +164,7 @@ def validate(
     if again:
         from dataclasses import replace
 
-        from avs3d_bench.report import ordered
+        from avs3d_bench.commands.report import ordered
 
         report = replace(report, problems=ordered([*report.problems, *again]))
     try:
@@ -202,8 +202,8 @@ def list_observations(root: Path, only: tuple[str, ...], json_file: Path | None)
     official release does not say is a dash.
     """
     from avs3d_bench.dataset import Dataset
-    from avs3d_bench.files import write_json
-    from avs3d_bench.listing import list_dataset, print_listing
+    from avs3d_bench.formats.files import write_json
+    from avs3d_bench.inspector.listing import list_dataset, print_listing
 
     listing = list_dataset(Dataset(root), only)
     try:
@@ -217,7 +217,7 @@ def list_observations(root: Path, only: tuple[str, ...], json_file: Path | None)
 @click.option("-o", "--output", "folder", type=OUTPUT_FOLDER, metavar="DIR", required=True, help="The folder.")
 def schema(folder: Path) -> None:
     """Write the JSON Schema of every JSON file of a dataset and of a submission."""
-    from avs3d_bench.schema_files import write_schemas
+    from avs3d_bench.exports.schema_files import write_schemas
 
     for path in write_schemas(folder):
         click.echo(str(path))
@@ -234,8 +234,8 @@ def doctor(json_file: Path | None) -> None:
     """
     from rich.console import Console
 
-    from avs3d_bench.doctor import CheckResult, all_checks, as_dict, examine, print_finding, print_summary
-    from avs3d_bench.files import write_json
+    from avs3d_bench.formats.files import write_json
+    from avs3d_bench.runtime.doctor import CheckResult, all_checks, as_dict, examine, print_finding, print_summary
 
     console = Console(highlight=False)
     group = ""
@@ -317,7 +317,7 @@ def run(command: click.Command, arguments: Sequence[str] | None = None, *, progr
             raise
         _fail(1, program, line)
     except OSError as error:
-        from avs3d_bench.files import os_error_line
+        from avs3d_bench.formats.files import os_error_line
 
         _fail(1, program, os_error_line(error))
     raise SystemExit(code if isinstance(code, int) else 0)

@@ -9,8 +9,8 @@ Datasets of this toolkit and the official release are read in the same way. The 
 `observation.json`, instance masks or meshes; its poses come from `sparse/0`, and `camera_splits.json` may name files
 with their extension, under ``train``/``test`` or ``train_cameras``/``test_cameras``.
 
-A sealed test (`avs3d_bench.sealed`) has neither truth nor `observation.json`, but `poses.json`. Whoever has the truth
-reads both together: `Dataset("public", truth="private")`.
+A sealed test (`avs3d_bench.sealing.seal`) has neither truth nor `observation.json`, but `poses.json`. Whoever has the
+truth reads both together: `Dataset("public", truth="private")`.
 """
 
 from __future__ import annotations
@@ -26,13 +26,14 @@ from typing import Any, Literal, SupportsIndex, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout, media
-from avs3d_bench.colmap import ColmapImage, ColmapModel, read_model
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import DatasetRecord, FrameRecord, ObservationRecord, PoseRecord, PosesRecord
+from avs3d_bench.contract.taxonomy import PARTS
 from avs3d_bench.errors import Avs3dError, UsageError, did_you_mean, excerpt
+from avs3d_bench.formats import media
+from avs3d_bench.formats.colmap import ColmapImage, ColmapModel, read_model
+from avs3d_bench.formats.ply import Ply
 from avs3d_bench.geometry import Intrinsics, Pose
-from avs3d_bench.ply import Ply
-from avs3d_bench.schema import DatasetRecord, FrameRecord, ObservationRecord, PoseRecord, PosesRecord
-from avs3d_bench.taxonomy import PARTS
 
 Split = Literal["train", "test"]
 _SPLITS: tuple[Split, Split] = ("train", "test")
@@ -478,7 +479,7 @@ class Dataset:
         Args:
             root: its folder.
             truth: the folder with the truth, of a sealed test. Whether both belong together is not checked here: see
-                `avs3d_bench.sealed.check_truth`.
+                `avs3d_bench.sealing.seal.check_truth`.
 
         Raises:
             UsageError: if it is no folder, or holds neither observations nor a dataset.json.

@@ -17,10 +17,10 @@ from pathlib import Path
 
 from numpy.typing import ArrayLike
 
+from avs3d_bench.contract.schema import ProvenanceRecord
 from avs3d_bench.dataset import Dataset, Frame, Observation
-from avs3d_bench.parallel import advance, process_each
-from avs3d_bench.provenance import provenance
-from avs3d_bench.schema import ProvenanceRecord
+from avs3d_bench.runtime.parallel import advance, process_each
+from avs3d_bench.runtime.provenance import provenance
 from avs3d_bench.submission import Prediction, SubmissionFolder, SubmissionWriter
 
 

@@ -28,14 +28,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import ValidationError
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import ProvenanceRecord, Scalar, SubmissionRecord, describe
+from avs3d_bench.contract.taxonomy import SOUND_SCENES, class_ids
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.files import write_json
-from avs3d_bench.media import png_header, write_ply_points, write_png_categories, write_png_mask
-from avs3d_bench.schema import ProvenanceRecord, Scalar, SubmissionRecord, describe
-from avs3d_bench.staging import staged_folder
-from avs3d_bench.taxonomy import SOUND_SCENES, class_ids
+from avs3d_bench.formats.files import write_json
+from avs3d_bench.formats.media import png_header, write_ply_points, write_png_categories, write_png_mask
+from avs3d_bench.formats.staging import staged_folder
 
 #: `dataset_version` of a submission for data without dataset.json (the official release).
 UNVERSIONED = "unversioned"
@@ -53,7 +53,8 @@ class Prediction:
 
     Attributes:
         mask: (H, W) bool, or whole numbers 0 and 1, or 0 and 255.
-        categories: (H, W) class ids (`avs3d_bench.taxonomy.class_ids`), 0 for nothing; None for none. In part_3 only.
+        categories: (H, W) class ids (`avs3d_bench.contract.taxonomy.class_ids`), 0 for nothing; None for none. In
+            part_3 only.
     """
 
     mask: ArrayLike
@@ -243,7 +244,7 @@ class SubmissionWriter:
             authors: one text or several.
             notes: settings and other remarks for readers.
             truth: the ground truth that the masks are made from, None for none; leaderboards do not rank the former.
-            provenance: the software that makes the masks, where `avs3d_bench.provenance` knows it.
+            provenance: the software that makes the masks, where `avs3d_bench.runtime.provenance` knows it.
             only: shell patterns of observation keys; a submission of a part is scored with the same `--only`.
             overwrite: replace an existing submission.
 

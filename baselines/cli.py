@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from avs3d_bench.click_options import PATH, WORKERS, Group, dataset_option, only_option
+from avs3d_bench.commands.click_options import PATH, WORKERS, Group, dataset_option, only_option
+from avs3d_bench.commands.outputs import OUTPUT_FOLDER
 from avs3d_bench.errors import UsageError
-from avs3d_bench.outputs import OUTPUT_FOLDER
 from avs3d_bench.scheduling.options import Options, scheduling_options
 
 if TYPE_CHECKING:

@@ -5,7 +5,8 @@
              which something audible is visible
 
 Siblings differ in sound alone: these are answers of a perfect segmentation that does not use the sound, and their pair
-accuracy is 0. Both use the instance masks of test frames, ``single`` the masks as well. See `avs3d_bench.deaf_oracles`.
+accuracy is 0. Both use the instance masks of test frames, ``single`` the masks as well. See
+`avs3d_bench.measures.deaf_oracles`.
 """
 
 from __future__ import annotations
@@ -17,13 +18,13 @@ from typing import Literal
 
 import numpy as np
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import ObservationRecord
 from avs3d_bench.dataset import Dataset, Frame, Observation, sibling_frames
-from avs3d_bench.deaf_oracles import best_single, can_sound, instance_ids_of, instance_table
 from avs3d_bench.errors import UsageError
+from avs3d_bench.measures.deaf_oracles import best_single, can_sound, instance_ids_of, instance_table
 from avs3d_bench.method import Method, write_submission
-from avs3d_bench.parallel import advance, process_each
-from avs3d_bench.schema import ObservationRecord
+from avs3d_bench.runtime.parallel import advance, process_each
 from avs3d_bench.submission import Prediction, SubmissionWriter
 from baselines.oracle import paint
 

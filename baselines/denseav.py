@@ -29,11 +29,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
 from avs3d_bench.dataset import Dataset, Frame
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.imports import has_package
 from avs3d_bench.method import Method, write_submission
+from avs3d_bench.runtime.imports import has_package
 from avs3d_bench.submission import SubmissionWriter, frame_size
 from baselines.networks.checkpoints import find_checkpoint, loading, require_packages
 from baselines.networks.device import enough_memory, inference, pick_device

@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from avs3d_bench.doctor import Check, CheckResult, constant, package_check, package_finding, run_in_turn
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.imports import has_package
+from avs3d_bench.runtime.doctor import Check, CheckResult, constant, package_check, package_finding, run_in_turn
+from avs3d_bench.runtime.imports import has_package
 
 _EXTRA = "pip install 'avs3d-bench[baselines]'"
 _CUDA = """

@@ -20,11 +20,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import InstanceRecord, ObservationRecord
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import UsageError
 from avs3d_bench.method import Method, write_submission
-from avs3d_bench.schema import InstanceRecord, ObservationRecord
 from avs3d_bench.submission import Prediction, SubmissionWriter, frame_size
 from baselines.oracle_errors import CONFUSABLE, ErrorModel
 

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench import __version__
-from avs3d_bench.files import read_json, write_bytes, write_json
+from avs3d_bench.formats.files import read_json, write_bytes, write_json
 from avs3d_bench.geometry import direction_to
 from benchmarks.acoustic_measures import ENGINES, OCTAVES, decibels, head_levels, measure, responses
 from benchmarks.unseen_homes import home_of

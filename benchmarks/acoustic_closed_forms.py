@@ -17,10 +17,10 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench.decay import decay_curve, octave_filtered
-from avs3d_bench.files import write_bytes, write_json
+from avs3d_bench.contract.layout import SAMPLE_RATE
+from avs3d_bench.formats.files import write_bytes, write_json
 from avs3d_bench.geometry import Pose
-from avs3d_bench.layout import SAMPLE_RATE
+from avs3d_bench.measures.decay import decay_curve, octave_filtered
 from benchmarks.acoustic_measures import ENGINES, OCTAVES, decibels, measure, octave_energies, responses
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.materials import MATERIALS, spectral_label

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from avs3d_bench.decay import octave_filtered, t30
+from avs3d_bench.contract.layout import SAMPLE_RATE
 from avs3d_bench.geometry import Pose
-from avs3d_bench.layout import SAMPLE_RATE
+from avs3d_bench.measures.decay import octave_filtered, t30
 from generators.acoustics.direct import AFTER, BEFORE
 from generators.acoustics.geometry import SPEED_OF_SOUND, fibonacci_directions
 from generators.acoustics.materials import OCTAVE_BANDS

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from avs3d_bench import files
+from avs3d_bench.formats import files
 from benchmarks.acoustic_closed_forms import FILTERED, SHOWN, STEP
 from benchmarks.acoustic_measures import OCTAVES
 

@@ -17,9 +17,9 @@ from statistics import median
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench.decay import reverberation_time
+from avs3d_bench.contract.layout import SAMPLE_RATE
 from avs3d_bench.geometry import Pose
-from avs3d_bench.layout import SAMPLE_RATE
+from avs3d_bench.measures.decay import reverberation_time
 from benchmarks.unseen_homes import home_of
 from generators.acoustics.analytic import AnalyticBackend
 from generators.acoustics.base import AcousticBackend, AcousticSession

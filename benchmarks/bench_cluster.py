@@ -9,7 +9,7 @@ from collections import defaultdict
 from functools import partial
 from pathlib import Path
 
-from avs3d_bench.parallel import available_cores
+from avs3d_bench.runtime.parallel import available_cores
 from avs3d_bench.scheduling.dask_backend import DaskScheduler
 from avs3d_bench.scheduling.local import LocalScheduler
 from avs3d_bench.scheduling.options import Options

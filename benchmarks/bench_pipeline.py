@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from avs3d_bench.parallel import available_cores
+from avs3d_bench.runtime.parallel import available_cores
 from avs3d_bench.scheduling.tasks import Event
 from generators import backends
 from generators.acoustics.clips import receiver_clip
 from generators.core.folders import default_cache
 from generators.homes.store import prepare_home
-from generators.manifest import ManifestFile
+from generators.manifest.schema import ManifestFile
 from generators.observation import hearing, prepare
 from generators.observation.generate import generate_observation
 from generators.observation.writer import ObservationWriter

@@ -20,11 +20,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from avs3d_bench import layout, media
-from avs3d_bench.dataset import Dataset
-from avs3d_bench.errors import Avs3dError
-from avs3d_bench.geometry import Intrinsics, Pose, direction_to
-from avs3d_bench.schema import (
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import (
     AcousticsRecord,
     CameraSplits,
     FrameRecord,
@@ -35,8 +32,12 @@ from avs3d_bench.schema import (
     SubmissionRecord,
     VisionRecord,
 )
-from evaluators.frame_rows import frame_rows, write_rows
+from avs3d_bench.dataset import Dataset
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.formats import media
+from avs3d_bench.geometry import Intrinsics, Pose, direction_to
 from evaluators.score import evaluate
+from evaluators.statistics.frame_rows import frame_rows, write_rows
 
 _LICENCE = LicenceRecord(name="CC0-1.0", author="avs3d-bench", source="procedural")
 _SIZE = layout.IMAGE_SIZE

@@ -23,9 +23,9 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench.files import read_json, write_json
-from evaluators.bootstrap import CONFIDENCE, FEWEST, difference_interval
-from evaluators.sign_flips import FLIPS, LEVEL, holm, sign_flip_p_values
+from avs3d_bench.formats.files import read_json, write_json
+from evaluators.statistics.bootstrap import CONFIDENCE, FEWEST, difference_interval
+from evaluators.statistics.sign_flips import FLIPS, LEVEL, holm, sign_flip_p_values
 
 Scores = NDArray[np.float64]
 #: Numbers of observations: the fewest with an interval, part_2 of open-s34-o7, the fewest with a corrected interval,

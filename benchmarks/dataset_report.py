@@ -11,11 +11,11 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from avs3d_bench.contract.layout import is_test
+from avs3d_bench.contract.schema import ObservationRecord
 from avs3d_bench.dataset import Dataset
-from avs3d_bench.files import write_bytes
-from avs3d_bench.layout import is_test
-from avs3d_bench.levels import level_db
-from avs3d_bench.schema import ObservationRecord
+from avs3d_bench.formats.files import write_bytes
+from avs3d_bench.measures.levels import level_db
 
 
 def _rms(values: Sequence[float]) -> float:

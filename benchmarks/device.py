@@ -26,8 +26,8 @@ from pathlib import Path
 import numpy as np
 
 from avs3d_bench.geometry import Intrinsics, Pose
-from avs3d_bench.one_thread import ONE_THREAD
-from avs3d_bench.parallel import available_cores
+from avs3d_bench.runtime.one_thread import ONE_THREAD
+from avs3d_bench.runtime.parallel import available_cores
 from avs3d_bench.scheduling.tasks import Policy
 from benchmarks.stages import StageClock
 from generators.core.cuda import cuda_problem, require_device
@@ -41,11 +41,11 @@ MANIFEST = Path("scenes_manifest/open-s34-o7.yaml")
 SHARES = {
     "draw the pictures": (("generators/vision/cuda.py", "render"), ("generators/vision/embree.py", "render")),
     "open the renderer": (("generators/vision/cuda.py", "open"), ("generators/vision/embree.py", "open")),
-    "encode pictures and masks": (("generators/recording/writer.py", "add_pictures"),),
+    "encode pictures and masks": (("generators/observation/writer.py", "add_pictures"),),
     "sound": (("generators/observation/hearing.py", "hear_sources"), ("generators/observation/writer.py", "add_clip")),
     "light of the objects": (("generators/lighting/insertion.py", "insert"),),
-    "place the objects, plan the walk": (("generators/arrangement.py", "arrange"),),
-    "points of the surfaces": (("generators/recording/surface_points.py", "add"),),
+    "place the objects, plan the walk": (("generators/observation/arrangement.py", "arrange"),),
+    "points of the surfaces": (("generators/observation/surface_points.py", "add"),),
     "load the home": (("generators/homes/store.py", "open_home"),),
 }
 #: Stages of building a home: title and function.
@@ -229,7 +229,7 @@ def light_digest(scene: Scene) -> str:
 def observation(manifest: Path, audio: str, frames: int) -> None:
     """Where the time of one observation goes, in one process."""
     from generators.homes.store import prepare_home
-    from generators.manifest import read_manifest
+    from generators.manifest.schema import read_manifest
     from generators.observation.generate import generate_observation
     from generators.options import GenerateOptions
     from generators.plan import make_plans
@@ -276,7 +276,7 @@ class _Times:
 def dataset(manifest: Path, audio: str, output: Path | None, frames: int | None) -> None:
     """Time of the whole benchmark, on the best device that is there."""
     from generators.core.folders import default_cache
-    from generators.manifest import read_manifest
+    from generators.manifest.schema import read_manifest
     from generators.options import GenerateOptions
     from generators.plan import make_plans
     from generators.run.runner import RunSettings, run

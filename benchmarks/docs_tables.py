@@ -17,10 +17,10 @@ from typing import Any
 
 import click
 
+from avs3d_bench.contract.scores import GroupScores, Scores
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.files import read_json, write_bytes
-from avs3d_bench.media import read_record
-from avs3d_bench.scores import GroupScores, Scores
+from avs3d_bench.formats.files import read_json, write_bytes
+from avs3d_bench.formats.media import read_record
 from benchmarks import comparison_power, listener_page, receivers
 from benchmarks.listener_summary import summary, table
 from benchmarks.run import TARGETS

@@ -41,9 +41,9 @@ from pathlib import Path
 import click
 
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.files import write_json
+from avs3d_bench.formats.files import write_json
 from avs3d_bench.validate import validate
-from tests.homes import tree_digest, write_manifest
+from tests.support.homes import tree_digest, write_manifest
 
 ROOT = Path(__file__).resolve().parent.parent
 #: Time limit of a run (s).

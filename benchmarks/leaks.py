@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
+from avs3d_bench.contract.taxonomy import DISTRACTORS
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.files import write_json
+from avs3d_bench.formats.files import write_json
 from avs3d_bench.geometry import Intrinsics, Pose
-from avs3d_bench.parallel import process_each
-from avs3d_bench.taxonomy import DISTRACTORS
+from avs3d_bench.runtime.parallel import process_each
 from benchmarks.unseen_homes import ROOMS, home_of, plans_of, sample_manifest
 from generators.core.rays import RayCaster
 from generators.core.scene import Scene

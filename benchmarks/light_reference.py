@@ -24,7 +24,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from avs3d_bench.one_thread import ONE_THREAD
+from avs3d_bench.runtime.one_thread import ONE_THREAD
 
 for _variable, _value in ONE_THREAD.items():
     os.environ.setdefault(_variable, _value)

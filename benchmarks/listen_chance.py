@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
+from avs3d_bench.contract.schema import FrameRecord, ObservationRecord
 from avs3d_bench.dataset import Dataset, Observation, sibling_frames
-from avs3d_bench.deaf_oracles import can_sound, instance_ids_of
 from avs3d_bench.errors import UsageError
-from avs3d_bench.files import write_json
-from avs3d_bench.parallel import process_each
-from avs3d_bench.schema import FrameRecord, ObservationRecord
-from evaluators.metrics import as_bytes, frame_counts, mean
-from evaluators.pairs import agrees_better, differ, is_right
+from avs3d_bench.formats.files import write_json
+from avs3d_bench.measures.deaf_oracles import can_sound, instance_ids_of
+from avs3d_bench.runtime.parallel import process_each
+from evaluators.metrics.masks import as_bytes, frame_counts, mean
+from evaluators.metrics.pairs import agrees_better, differ, is_right
 
 #: Ids of the instances that are marked.
 Answer = tuple[int, ...]

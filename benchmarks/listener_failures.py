@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.scores import ObservationScores, Scores
 from avs3d_bench.dataset import Dataset, Frame
-from avs3d_bench.files import write_bytes
+from avs3d_bench.formats.files import write_bytes
+from avs3d_bench.formats.media import read_png_mask, read_record
 from avs3d_bench.inspector.contact_sheet import overlay
-from avs3d_bench.media import read_png_mask, read_record
-from avs3d_bench.scores import ObservationScores, Scores
 
 #: Rows of the tables that are shown, if their submissions are there.
 SHOWN = ("2d", "spatial")

@@ -17,11 +17,11 @@ from typing import Any
 
 import click
 
-from avs3d_bench.comparisons import PartOrOverall
+from avs3d_bench.contract.comparisons import PartOrOverall
+from avs3d_bench.contract.scores import METRICS, GroupScores, Scores
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.files import read_json, write_bytes
-from avs3d_bench.media import read_record
-from avs3d_bench.scores import METRICS, GroupScores, Scores
+from avs3d_bench.formats.files import read_json, write_bytes
+from avs3d_bench.formats.media import read_record
 from benchmarks.listener_failures import draw_failures
 from benchmarks.listener_summary import (
     SCENES,
@@ -36,9 +36,9 @@ from benchmarks.listener_summary import (
     twin_pairs,
 )
 from benchmarks.listener_tables import ROWS, RUN_JSON, labelled
-from evaluators.comparison import compare_figure, metric_of
 from evaluators.reporting.compare import estimate_text, p_text
 from evaluators.reporting.paper import CITATION, DATASET, TABLE_2
+from evaluators.statistics.comparison import compare_figure, metric_of
 
 #: Name of the block of the overview (`insert`).
 TABLES = "tables"

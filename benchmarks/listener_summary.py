@@ -10,12 +10,12 @@ from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from avs3d_bench.files import read_json
-from avs3d_bench.media import read_record
-from avs3d_bench.scores import Scores
+from avs3d_bench.contract.scores import Scores
+from avs3d_bench.formats.files import read_json
+from avs3d_bench.formats.media import read_record
 from benchmarks.listener_tables import ROWS, RUN_JSON
-from evaluators.metrics import mean
-from generators.manifest import read_manifest
+from evaluators.metrics.masks import mean
+from generators.manifest.schema import read_manifest
 
 #: Manifests of the datasets, by their names.
 MANIFESTS = Path(__file__).parent.parent / "scenes_manifest"

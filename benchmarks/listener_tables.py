@@ -25,14 +25,14 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.scores import Scores
 from avs3d_bench.dataset import Dataset, Frame
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.files import read_json, sha256_file, write_json
-from avs3d_bench.media import read_record
+from avs3d_bench.formats.files import read_json, sha256_file, write_json
+from avs3d_bench.formats.media import read_record
 from avs3d_bench.method import Method, write_submission
-from avs3d_bench.parallel import available_cores
-from avs3d_bench.scores import Scores
+from avs3d_bench.runtime.parallel import available_cores
 from avs3d_bench.submission import Prediction
 from baselines.listener.marks import MARKING_LOOKS
 

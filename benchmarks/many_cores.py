@@ -26,7 +26,7 @@ from typing import Any, cast
 
 import click
 
-from avs3d_bench.one_thread import ONE_THREAD
+from avs3d_bench.runtime.one_thread import ONE_THREAD
 
 for _variable, _value in ONE_THREAD.items():
     os.environ.setdefault(_variable, _value)

@@ -26,7 +26,7 @@ import numpy as np
 
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.files import write_bytes
+from avs3d_bench.formats.files import write_bytes
 from avs3d_bench.inspector.contact_sheet import draw_contact_sheet, overlay
 from avs3d_bench.inspector.video import write_video
 

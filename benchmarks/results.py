@@ -20,7 +20,7 @@ import numpy as np
 
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.files import read_json, write_json
+from avs3d_bench.formats.files import read_json, write_json
 from avs3d_bench.scheduling.tasks import Context
 from baselines.echosegnet.schedule import TrainingSettings
 

@@ -11,7 +11,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from avs3d_bench.one_thread import ONE_THREAD
+from avs3d_bench.runtime.one_thread import ONE_THREAD
 
 for _variable, _value in ONE_THREAD.items():
     os.environ.setdefault(_variable, _value)
@@ -83,7 +83,7 @@ def main(output: Path, repeats: int, only: str | None) -> None:
                 target = f"≤ {most:g}" if most is not None else f"≥ {least:g}" if least is not None else ""
                 table.add_row(what, f"{value:.3g}", f"{target} {'met' if met else 'MISSED'}" if target else "")
     Console(width=110).print(table)
-    from avs3d_bench.files import write_bytes  # numpy must not be imported before the settings above
+    from avs3d_bench.formats.files import write_bytes  # numpy must not be imported before the settings above
 
     write_bytes(output, (json.dumps({"repeats": repeats, "figures": figures}, indent=1) + "\n").encode())
     print(output)

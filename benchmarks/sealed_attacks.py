@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import binom
 
-from avs3d_bench.files import write_json
+from avs3d_bench.formats.files import write_json
 from benchmarks.sealed_cases import QUESTIONS, Array, Case, load_cases
 from benchmarks.sealed_channels import ATTACKS, Scores
 from benchmarks.sealed_seeds import SEEDS_TRIED, guess_seeds, public_homes, recognise

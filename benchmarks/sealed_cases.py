@@ -19,12 +19,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import files, layout, media
-from avs3d_bench.colmap import ColmapModel, read_model
-from avs3d_bench.schema import ObservationRecord
-from avs3d_bench.sealed import TEMPLATE
-from avs3d_bench.taxonomy import DISTRACTORS
-from avs3d_bench.yamlfile import read_yaml
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import ObservationRecord
+from avs3d_bench.contract.taxonomy import DISTRACTORS
+from avs3d_bench.formats import files, media
+from avs3d_bench.formats.colmap import ColmapModel, read_model
+from avs3d_bench.formats.yamlfile import read_yaml
+from avs3d_bench.sealing.seal import TEMPLATE
 
 Array = NDArray[np.float64]
 Question = Literal["twin", "object", "sibling", "take"]

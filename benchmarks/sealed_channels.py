@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout, media
-from avs3d_bench.taxonomy import CATEGORIES
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.taxonomy import CATEGORIES
+from avs3d_bench.formats import media
 from benchmarks import sealed_files
 from benchmarks.sealed_cases import Array, Case, text_about, texts
 

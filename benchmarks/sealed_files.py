@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from avs3d_bench import layout, media
-from avs3d_bench.colmap import read_images
+from avs3d_bench.contract import layout
+from avs3d_bench.formats import media
+from avs3d_bench.formats.colmap import read_images
 from benchmarks.sealed_cases import Array
 from generators.acoustics.clips import mono_clip
 

@@ -21,8 +21,9 @@ import numpy as np
 from scipy.fft import irfft, rfft
 from scipy.signal import butter, istft, lfilter, sosfiltfilt, stft
 
-from avs3d_bench import layout, media
-from avs3d_bench.colmap import ColmapModel, write_model
+from avs3d_bench.contract import layout
+from avs3d_bench.formats import media
+from avs3d_bench.formats.colmap import ColmapModel, write_model
 from benchmarks.sealed_cases import Array, Case
 from benchmarks.sealed_takes import BANDS, Clips, clips_of
 

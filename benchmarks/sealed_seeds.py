@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout
-from avs3d_bench.colmap import ColmapModel, read_model
+from avs3d_bench.contract import layout
+from avs3d_bench.formats.colmap import ColmapModel, read_model
 from benchmarks.sealed_cases import Array, Case
 from benchmarks.unseen_homes import used_seeds
 from generators.apartments.apartment import build_apartment

@@ -24,8 +24,9 @@ from scipy.linalg import solve_toeplitz
 from scipy.ndimage import maximum_filter1d, median_filter
 from scipy.signal import stft, welch
 
-from avs3d_bench import files, layout, media
-from avs3d_bench.schema import ObservationRecord
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import ObservationRecord
+from avs3d_bench.formats import files, media
 from benchmarks.sealed_cases import Array, Case
 
 Clips = NDArray[np.float32]

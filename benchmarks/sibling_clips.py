@@ -22,7 +22,8 @@ from rich.console import Console
 from rich.progress import track
 from scipy.fft import irfft, rfft
 
-from avs3d_bench import layout, media
+from avs3d_bench.contract import layout
+from avs3d_bench.formats import media
 from benchmarks.sealed_attacks import judge, table
 from benchmarks.sealed_takes import Clips, Sibling, clips_of, take_cases
 from generators.apartments.apartment import build_apartment

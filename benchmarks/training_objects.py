@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from avs3d_bench.taxonomy import CATEGORIES, DISTRACTORS
+from avs3d_bench.contract.taxonomy import CATEGORIES, DISTRACTORS
 from generators.assets.catalogue import Model, build_model, training_variants, variants
 from generators.core.rays import RayCaster
 

@@ -19,7 +19,7 @@ import numpy as np
 import yaml
 
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.yamlfile import read_yaml
+from avs3d_bench.formats.yamlfile import read_yaml
 from generators.apartments.apartment import build_apartment
 from generators.core.scene import Scene
 from generators.observation.arrangement import arrange

@@ -5,7 +5,7 @@
 Writes, from the bounds of pyproject.toml:
 
 - constraints.txt: every extra, on Linux x86-64 with each of `PYTHONS`; each file with its sha256;
-- avs3d_bench/tested_versions.txt: the same versions without hashes, for other platforms and for `avs3d doctor`;
+- avs3d_bench/runtime/tested_versions.txt: the same versions without hashes, for other platforms and for `avs3d doctor`;
 - docker/*.txt: what a container image needs of it.
 
 Needs uv. A version that is pinned already stays unless the options say otherwise. Prints what changed, for the commit.
@@ -22,7 +22,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 HASHED = ROOT / "constraints.txt"
-VERSIONS = ROOT / "avs3d_bench/tested_versions.txt"
+VERSIONS = ROOT / "avs3d_bench/runtime/tested_versions.txt"
 #: Versions of Python that the set is resolved for; one set must serve all of them.
 PYTHONS = ("3.11", "3.12", "3.13")
 #: File of an image → the extras that it has; None: what builds this project.

@@ -7,7 +7,7 @@
 
 `check` names every bad file of a submission, `evaluate` scores it, `compare` says which of several methods a test
 separates, `write_report` and `write_leaderboard` show the scores. The story is in `evaluators.score`; the figures are
-pure functions in `evaluators.metrics`, `evaluators.contour` and `evaluators.volume`; docs/metrics.md defines them. The
+pure functions in `evaluators.metrics`; docs/metrics.md defines them. The
 public names are listed in `__init__.pyi`; importing this package imports nothing: names are imported on first use.
 """
 

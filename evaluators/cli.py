@@ -12,12 +12,12 @@ import click
 
 from avs3d_bench import __version__
 from avs3d_bench.cli import run
-from avs3d_bench.click_options import HELP, PATH, WORKERS, dataset_option, only_option
+from avs3d_bench.commands.click_options import HELP, PATH, WORKERS, dataset_option, only_option
+from avs3d_bench.commands.outputs import OUTPUT_FOLDER, OutputFile
+from avs3d_bench.commands.report import REPORT_JSON
+from avs3d_bench.contract.taxonomy import PARTS
 from avs3d_bench.errors import UsageError
-from avs3d_bench.outputs import OUTPUT_FOLDER, OutputFile
-from avs3d_bench.report import REPORT_JSON
-from avs3d_bench.taxonomy import PARTS
-from evaluators.signatures import (
+from evaluators.reporting.signatures import (  # fmt: skip
     COMPARISON,
     FACTORS,
     FACTORS_CSV,
@@ -26,12 +26,12 @@ from evaluators.signatures import (
     REPORT,
     SCORES,
     VERIFICATION,
-)  # fmt: skip
+)
 
 if TYPE_CHECKING:
+    from avs3d_bench.commands.report import Problem
     from avs3d_bench.dataset import Dataset
-    from avs3d_bench.report import Problem
-    from evaluators.records import Evaluation, Submission
+    from evaluators.reading.records import Evaluation, Submission
 
 #: Problems that `check` prints before it only counts.
 _SCREENFUL = 40
@@ -76,8 +76,8 @@ def evaluate(
     SUBMISSION has the layout of docs/score.md, or that of the released pipeline's masks. Exit status: 0 scored,
     1 submission invalid (every bad file named), 2 usage.
     """
+    from evaluators.reading.records import InvalidSubmission
     from evaluators.reading.submission import open_submission
-    from evaluators.records import InvalidSubmission
     from evaluators.reporting.terminal_table import print_scores
     from evaluators.score import open_dataset, score
 
@@ -114,7 +114,7 @@ def _write_files(
     Raises:
         Avs3dError: if a file cannot be written, or the dataset is damaged.
     """
-    from avs3d_bench.files import write_json
+    from avs3d_bench.formats.files import write_json
 
     if html_file is not None:
         from evaluators.reporting.report import write_report
@@ -123,7 +123,7 @@ def _write_files(
     if json_file is not None:
         write_json(json_file, evaluation.scores.model_copy(update={"report": _beside(html_file, json_file)}))
     if frames_file is not None:
-        from evaluators.frame_rows import frame_rows, write_rows
+        from evaluators.statistics.frame_rows import frame_rows, write_rows
 
         write_rows(frames_file, frame_rows(evaluation, data))
 
@@ -137,7 +137,7 @@ def _check_frames(path: Path | None, protocol: str) -> None:
     """
     if path is None:
         return
-    from evaluators.frame_rows import check_suffix
+    from evaluators.statistics.frame_rows import check_suffix
 
     check_suffix(path)
     if protocol == "official":
@@ -152,7 +152,7 @@ def _aisrm(official_folder: str | None) -> bool | None:
 
 def _beside(html_file: Path | None, json_file: Path) -> str | None:
     """The report's path relative to the file of scores, where it lies at or below it."""
-    from avs3d_bench.report import printable
+    from avs3d_bench.commands.report import printable
 
     if html_file is None or not html_file.is_file():  # a device, for one
         return None
@@ -162,7 +162,7 @@ def _beside(html_file: Path | None, json_file: Path) -> str | None:
 
 
 def _print_warnings(warnings: Sequence[Problem]) -> None:
-    from avs3d_bench.report import shorten
+    from avs3d_bench.commands.report import shorten
 
     first, rest = shorten(warnings, _SCREENFUL)
     for warning in first:
@@ -172,7 +172,7 @@ def _print_warnings(warnings: Sequence[Problem]) -> None:
 
 
 def _print_problems(report: Any, submission: Path, dataset: Path) -> None:
-    from avs3d_bench.report import print_report
+    from avs3d_bench.commands.report import print_report
 
     print_report(report, shown=_SCREENFUL)
     if len(report.problems) > _SCREENFUL:
@@ -200,8 +200,8 @@ def check(
 
     Exit status: 0 fit to be scored, 1 problems found (every bad file named), 2 usage.
     """
-    from avs3d_bench.files import write_json
-    from avs3d_bench.report import print_report
+    from avs3d_bench.commands.report import print_report
+    from avs3d_bench.formats.files import write_json
     from evaluators.reading.checks import check_submission
 
     report = check_submission(
@@ -239,9 +239,9 @@ def verify(
     Exit status: 0 the same, 1 not confirmed (each figure and digest that differs is named, or each bad file of the
     submission), 2 usage.
     """
-    from avs3d_bench.files import write_json
-    from avs3d_bench.report import printable
-    from evaluators.records import InvalidSubmission
+    from avs3d_bench.commands.report import printable
+    from avs3d_bench.formats.files import write_json
+    from evaluators.reading.records import InvalidSubmission
     from evaluators.score import open_dataset
     from evaluators.verify import verify as verify_scores
 
@@ -308,7 +308,7 @@ def compare(
     the p-value of a permutation test, corrected for the number of pairs (Holm), and places, shared where nothing
     separates. docs/comparing.md has the formulas.
     """
-    from avs3d_bench.files import write_json
+    from avs3d_bench.formats.files import write_json
     from evaluators.reporting.compare import compare as compare_files
     from evaluators.reporting.compare import comparison_lines
 
@@ -335,7 +335,7 @@ def factors(tables: tuple[Path, ...], html_file: Path | None, csv_file: Path | N
 
     FRAMES are tables of frames (avs3d-eval --frames) of the same frames of one dataset.
     """
-    from avs3d_bench.report import printable
+    from avs3d_bench.commands.report import printable
     from evaluators.reporting.factors import write_factors
 
     targets = [path for path in (html_file, csv_file) if path is not None]

@@ -18,21 +18,22 @@ from typing import Protocol as TypingProtocol
 import numpy as np
 from numpy.typing import NDArray
 
+from avs3d_bench.commands.report import Report, ordered
+from avs3d_bench.contract.schema import ProvenanceRecord
+from avs3d_bench.contract.scores import PROTOCOL_PARTS, Protocol
 from avs3d_bench.dataset import Dataset, Frame, Observation, sibling_frames
 from avs3d_bench.errors import UsageError
-from avs3d_bench.parallel import advance, process_each
-from avs3d_bench.provenance import provenance
-from avs3d_bench.report import Report, ordered
-from avs3d_bench.schema import ProvenanceRecord
-from avs3d_bench.scores import PROTOCOL_PARTS, Protocol
-from avs3d_bench.sealed import open_sealed
-from evaluators.conditions import with_conditions
-from evaluators.origin import observation_digests
-from evaluators.protocols import fitting
+from avs3d_bench.runtime.parallel import advance, process_each
+from avs3d_bench.runtime.provenance import provenance
+from avs3d_bench.sealing.seal import open_sealed
+from evaluators.protocols.conditions import with_conditions
+from evaluators.protocols.official_strict import fitting
+from evaluators.protocols.sibling_counts import SiblingCounts
+from evaluators.protocols.source_counts import SourceCounts
 from evaluators.reading.checks import check_contents, check_structure, has_categories, has_points, select
+from evaluators.reading.origin import observation_digests
 from evaluators.reading.reader import Reader
-from evaluators.reading.submission import open_submission
-from evaluators.records import (
+from evaluators.reading.records import (
     Evaluation,
     FrameScore,
     GroupFigures,
@@ -43,8 +44,7 @@ from evaluators.records import (
     best_frames,
     worst_frames,
 )
-from evaluators.sibling_counts import SiblingCounts
-from evaluators.source_counts import SourceCounts
+from evaluators.reading.submission import open_submission
 from evaluators.summary import score_record
 
 #: Frames that the report shows, of each kind.
@@ -83,7 +83,8 @@ def evaluate(
         submission: its folder or archive.
         dataset: its root, or the opened dataset; ours or the official release.
         truth: of a sealed test, the folder with its truth, which is checked against the commitments.
-        protocols: which to compute; None: those that fit the observations (`evaluators.protocols.fitting`).
+        protocols: which to compute; None: those that fit the observations
+            (`evaluators.protocols.official_strict.fitting`).
         only: shell patterns of observation keys; the others are left out.
         aisrm: which folder of the released pipeline's output to read; see `open_submission`.
         workers: processes; None: one per core.

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from avs3d_bench import __version__, layout
-from avs3d_bench.dataset import Dataset
-from avs3d_bench.files import sha256_file
-from avs3d_bench.schema import ProvenanceRecord
-from avs3d_bench.scores import (
+from avs3d_bench import __version__
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import ProvenanceRecord
+from avs3d_bench.contract.scores import (
     ALL_REFERENCES,
     BLIND_REFERENCES,
     DEAF_ORACLES,
@@ -23,12 +22,14 @@ from avs3d_bench.scores import (
     Scores,
     SiblingScores,
 )
-from avs3d_bench.taxonomy import PARTS, ROOMS, class_ids
-from evaluators import bootstrap
-from evaluators.origin import this_machine, totals
-from evaluators.protocols import NO_INSTANCE_MASKS, summarise
-from evaluators.records import GroupOutcome, ScoredObservation, Submission
-from evaluators.volume import VOXEL_SIZE
+from avs3d_bench.contract.taxonomy import PARTS, ROOMS, class_ids
+from avs3d_bench.dataset import Dataset
+from avs3d_bench.formats.files import sha256_file
+from evaluators.metrics.volume import VOXEL_SIZE
+from evaluators.protocols.official_strict import NO_INSTANCE_MASKS, summarise
+from evaluators.reading.origin import this_machine, totals
+from evaluators.reading.records import GroupOutcome, ScoredObservation, Submission
+from evaluators.statistics import bootstrap
 
 
 def score_record(

@@ -16,14 +16,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from avs3d_bench import __version__, layout
-from avs3d_bench.dataset import Dataset
-from avs3d_bench.errors import Avs3dError, UsageError, excerpt
-from avs3d_bench.files import JSON_DIGITS, dump_json, sha256_file
-from avs3d_bench.provenance import Provenance, provenance
-from avs3d_bench.report import printable
-from avs3d_bench.schema import ProvenanceRecord
-from avs3d_bench.scores import (
+from avs3d_bench import __version__
+from avs3d_bench.commands.report import printable
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import ProvenanceRecord
+from avs3d_bench.contract.scores import (
     PROTOCOL_PARTS,
     Scores,
     UnconfirmedValue,
@@ -31,9 +28,13 @@ from avs3d_bench.scores import (
     VerifiedDataset,
     VerifiedScores,
 )
+from avs3d_bench.dataset import Dataset
+from avs3d_bench.errors import Avs3dError, UsageError, excerpt
+from avs3d_bench.formats.files import JSON_DIGITS, dump_json, sha256_file
+from avs3d_bench.runtime.provenance import Provenance, provenance
 from evaluators.reading.submission import open_submission
+from evaluators.reporting.score_file import contents_digest, read_scores
 from evaluators.score import open_dataset, score
-from evaluators.score_file import contents_digest, read_scores
 
 #: Two figures are the same if they differ by no more than this share, or by `_NOISE`: a file keeps nine digits.
 TOLERANCE = 1e-8

@@ -7,13 +7,13 @@ from typing import Any
 
 from avs3d_bench import __version__
 from avs3d_bench.errors import UsageError
-from avs3d_bench.imports import import_by_name
-from avs3d_bench.provenance import Provenance, provenance
+from avs3d_bench.runtime.imports import import_by_name
+from avs3d_bench.runtime.provenance import Provenance, provenance
 from generators.acoustics.base import AcousticBackend, CompiledBackend
+from generators.acoustics.receivers import check_engine
 from generators.core.cuda import cuda_version
 from generators.core.rays import TRACERS
 from generators.options import EngineOptions
-from generators.receivers import check_engine
 from generators.vision.base import VisionBackend
 
 #: Backends by name: module and class of each.

@@ -11,10 +11,10 @@ from typing import Any, get_args
 
 import click
 
-from avs3d_bench import layout
-from avs3d_bench.click_options import HELP, PATH, only_option
-from avs3d_bench.one_thread import ONE_THREAD
-from avs3d_bench.outputs import OUTPUT_FOLDER
+from avs3d_bench.commands.click_options import HELP, PATH, only_option
+from avs3d_bench.commands.outputs import OUTPUT_FOLDER
+from avs3d_bench.contract import layout
+from avs3d_bench.runtime.one_thread import ONE_THREAD
 from avs3d_bench.scheduling.options import Options, scheduling_options
 from generators.core.limits import FRAMES, SIZE, WORKERS
 from generators.options import Audio, Device, Extra, Form, GenerateOptions, Vision
@@ -150,7 +150,7 @@ def with_option(*more: str) -> Callable[[Callable[..., Any]], Callable[..., Any]
 def choose_tools(habitat_python: Path | None) -> None:
     """Set the variables that worker processes read, before numpy is imported."""
     os.environ.update(ONE_THREAD)
-    from avs3d_bench.user_path import user_path
+    from avs3d_bench.runtime.user_path import user_path
 
     if habitat_python is not None:
         os.environ["AVS3D_HABITAT_PYTHON"] = str(user_path(habitat_python).absolute())
@@ -205,7 +205,7 @@ def generate(
     default, and of --audio analytic is free.
     """
     choose_tools(habitat_python)
-    from generators.manifest import read_manifest
+    from generators.manifest.schema import read_manifest
     from generators.plan import make_plans
     from generators.run.generation import generate_plans
 

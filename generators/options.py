@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from avs3d_bench.errors import UsageError, did_you_mean, excerpt
-from avs3d_bench.user_path import user_path
+from avs3d_bench.runtime.user_path import user_path
+from generators.acoustics.receivers import OWN_HEAD, Receivers, choose_receivers
 from generators.core.limits import FRAMES, SIZE, WORKERS
-from generators.receivers import OWN_HEAD, Receivers, choose_receivers
 
 #: Renderers, acoustic engines, devices, and optional folders of an observation.
 Vision = Literal["embree", "cuda", "habitat"]
@@ -44,7 +44,7 @@ class EngineOptions:
         audio: acoustic engine; soundspaces needs rlr-audio-propagation (CC-BY-NC 4.0). None: the manifest's, else the
             tracer.
         device: draws the pictures, bakes the light and, with the tracer, traces the sound; cuda needs ``[cuda]``.
-        receivers: what hears the sound; see `generators.receivers.choose_receivers`.
+        receivers: what hears the sound; see `generators.acoustics.receivers.choose_receivers`.
         extras: optional folders: depth pictures, impulse responses, stems (of part_3).
         scans: folder with scans; None: ``$AVS3D_SCANS``, else that of the manifest.
     """

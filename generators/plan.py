@@ -18,12 +18,12 @@ from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
 
-from avs3d_bench import files
 from avs3d_bench.errors import Avs3dError, UsageError, did_you_mean
-from avs3d_bench.user_path import user_path
-from generators.categories import CategorySpec
+from avs3d_bench.formats import files
+from avs3d_bench.runtime.user_path import user_path
 from generators.library.lock import LOCK_NAME
-from generators.manifest import (
+from generators.manifest.categories import CategorySpec
+from generators.manifest.schema import (
     AssetSpec,
     CameraSpec,
     Manifest,
@@ -34,7 +34,7 @@ from generators.manifest import (
     SoundSpec,
     select,
 )
-from generators.manifest import read_manifest as read_manifest  # re-exported
+from generators.manifest.schema import read_manifest as read_manifest  # re-exported
 from generators.options import EngineOptions, GenerateOptions
 from generators.scans.files import ScanFiles, digest, find_scan_files, scan_files_of
 

@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 import yaml
 
-from avs3d_bench import media
+from avs3d_bench.contract.schema import DatasetRecord, ObservationRecord
+from avs3d_bench.contract.taxonomy import CATEGORIES, PARTS, ROOMS
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.exports.citation import ARXIV, BIBTEX, PAPER
 from avs3d_bench.exports.samples import ALL_KINDS, check_output, file_kinds, select
 from avs3d_bench.exports.signatures import CARD
-from avs3d_bench.schema import DatasetRecord, ObservationRecord
-from avs3d_bench.taxonomy import CATEGORIES, PARTS, ROOMS
+from avs3d_bench.formats import media
 
 #: Licence names as the Hub knows them.
 _HUB_LICENCES = {

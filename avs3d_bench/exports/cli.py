@@ -11,11 +11,11 @@ from typing import Any, TypeVar
 import click
 
 from avs3d_bench import __version__
-from avs3d_bench.click_options import PATH, WORKERS, Group, only_option
+from avs3d_bench.commands.click_options import PATH, WORKERS, Group, only_option
+from avs3d_bench.commands.outputs import OUTPUT_FOLDER, OutputFile
 from avs3d_bench.exports.samples import EXTRA_KINDS, SPLIT_CHOICES
 from avs3d_bench.exports.shards import ShardIndex
 from avs3d_bench.exports.signatures import BUNDLE, CARD, CROISSANT
-from avs3d_bench.outputs import OUTPUT_FOLDER, OutputFile
 
 _C = TypeVar("_C", bound=Callable[..., Any])
 _ROOT = click.argument("root", type=PATH)

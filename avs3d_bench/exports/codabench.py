@@ -22,7 +22,8 @@ from typing import Any
 import yaml
 
 from avs3d_bench import __version__
-from avs3d_bench.competition import DECIMALS, Column, CompetitionTask, columns_of, task_protocols
+from avs3d_bench.commands.outputs import check_apart, check_replaceable
+from avs3d_bench.contract.competition import DECIMALS, Column, CompetitionTask, columns_of, task_protocols
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports.codabench_files import (
@@ -37,8 +38,7 @@ from avs3d_bench.exports.codabench_files import (
 from avs3d_bench.exports.codabench_format import BUNDLE_YAML, MOST_IMAGE, MOST_TITLE, PICTURES, check_bundle
 from avs3d_bench.exports.codabench_pages import CompetitionFacts, logo, pages, terms
 from avs3d_bench.exports.signatures import BUNDLE
-from avs3d_bench.files import atomic_path, read_bytes
-from avs3d_bench.outputs import check_apart, check_replaceable
+from avs3d_bench.formats.files import atomic_path, read_bytes
 
 #: Masks that the evaluator scores in a second, at least, on one core (docs/competition.md has the measurement).
 _MASKS_PER_SECOND = 20

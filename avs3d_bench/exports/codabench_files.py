@@ -12,14 +12,15 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from avs3d_bench import layout, media
-from avs3d_bench.competition import REFERENCE_PRIVATE, REFERENCE_PUBLIC, TASK_JSON, CompetitionTask
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.competition import REFERENCE_PRIVATE, REFERENCE_PUBLIC, TASK_JSON, CompetitionTask
+from avs3d_bench.contract.schema import SubmissionRecord
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports.codabench_format import INPUT, METADATA_YAML, OUTPUT, PROGRAM
-from avs3d_bench.files import dump_json
-from avs3d_bench.schema import SubmissionRecord
-from avs3d_bench.sealed import open_sealed
+from avs3d_bench.formats import media
+from avs3d_bench.formats.files import dump_json
+from avs3d_bench.sealing.seal import open_sealed
 
 #: Folders with a file for each frame that hold truth …
 TRUTH_FOLDERS = (layout.SEMANTIC_MASKS, layout.INSTANCE_MASKS, layout.CATEGORY_MASKS)

@@ -7,10 +7,11 @@ from datetime import datetime
 
 import numpy as np
 
-from avs3d_bench import __version__, layout
-from avs3d_bench.competition import DECIMALS, Column
-from avs3d_bench.scores import METRICS
-from avs3d_bench.taxonomy import SOUND_SCENES
+from avs3d_bench import __version__
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.competition import DECIMALS, Column
+from avs3d_bench.contract.scores import METRICS
+from avs3d_bench.contract.taxonomy import SOUND_SCENES
 
 #: Side of the drawn picture (pixels).
 _SIDE = 256

@@ -27,14 +27,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from avs3d_bench import __version__, layout, media
+from avs3d_bench import __version__
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import AttributionRecord
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import UsageError
 from avs3d_bench.exports.card import hub_licence
 from avs3d_bench.exports.citation import ARXIV, AUTHORS, BIBTEX, PAPER
 from avs3d_bench.exports.samples import ALL_KINDS, check_output, file_kinds, has_sound_scenes, select
 from avs3d_bench.exports.signatures import CROISSANT
-from avs3d_bench.schema import AttributionRecord
+from avs3d_bench.formats import media
 
 Json = dict[str, Any]
 _CR = "cr:"

@@ -24,7 +24,6 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import media
 from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.exports.card import card_text, gather
@@ -44,7 +43,8 @@ from avs3d_bench.exports.samples import (
 )
 from avs3d_bench.exports.shards import ShardFormat, ShardIndex, export_shards
 from avs3d_bench.exports.webdataset import SHARD_MB, shard_limit
-from avs3d_bench.imports import needing
+from avs3d_bench.formats import media
+from avs3d_bench.runtime.imports import needing
 
 #: Rows of a row group: about 45 MB of a full-size dataset, which is what a reader holds at a time.
 ROW_GROUP = 32

@@ -6,11 +6,11 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import DatasetRecord, ObservationRecord
 from avs3d_bench.exports.observation_tar import KINDS, count_frames
 from avs3d_bench.exports.samples import described
 from avs3d_bench.exports.shards import ShardIndex, ShardRecord, sum_splits
-from avs3d_bench.schema import DatasetRecord, ObservationRecord
 
 
 def describe_shard(split: str, path: Path, record: ObservationRecord, sha256: str) -> ShardRecord:

@@ -25,13 +25,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import ObservationRecord, parse_record
 from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.exports.samples import ALL_KINDS, frame_facts, kinds_among
 from avs3d_bench.exports.tar_format import closing, header, padding, pieces, shard_name
-from avs3d_bench.files import dump_json, open_regular, read_bytes
-from avs3d_bench.schema import ObservationRecord, parse_record
+from avs3d_bench.formats.files import dump_json, open_regular, read_bytes
 
 #: Splits in the order in which the shards get their names. The first frame is a test frame: the last shard is the one
 #: that every observation has, and an observation is there when it is.

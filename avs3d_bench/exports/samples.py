@@ -14,11 +14,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from avs3d_bench import layout, media
+from avs3d_bench.commands.outputs import Signature, check_apart, check_replaceable
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import FrameRecord, InstanceRecord, ObservationRecord, SourceRecord
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.outputs import Signature, check_apart, check_replaceable
-from avs3d_bench.schema import FrameRecord, InstanceRecord, ObservationRecord, SourceRecord
+from avs3d_bench.formats import media
 
 SplitChoice = Literal["train", "test", "all"]
 SPLIT_CHOICES: tuple[SplitChoice, ...] = get_args(SplitChoice)

@@ -6,15 +6,15 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
+from avs3d_bench.commands.report import Problem, Report, ordered
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports import observation_tar
 from avs3d_bench.exports.observation_index import describe_shard
 from avs3d_bench.exports.shard_files import read_samples
 from avs3d_bench.exports.shards import SHARDS_JSON, ShardIndex, ShardRecord
 from avs3d_bench.exports.webdataset import decode_sample
-from avs3d_bench.files import read_record, sha256_bytes, sha256_file
-from avs3d_bench.parallel import process_each
-from avs3d_bench.report import Problem, Report, ordered
+from avs3d_bench.formats.files import read_record, sha256_bytes, sha256_file
+from avs3d_bench.runtime.parallel import process_each
 
 _SHARDS = "*-[0-9]*.tar"
 

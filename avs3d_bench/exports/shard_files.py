@@ -13,11 +13,11 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports.samples import check_split
 from avs3d_bench.exports.shards import PARTIAL, SHARDS_JSON, ShardIndex
-from avs3d_bench.files import open_regular, read_record
+from avs3d_bench.formats.files import open_regular, read_record
 
 _SPLITS = ("train", "test", "unlisted")
 

@@ -23,14 +23,16 @@ from typing import Annotated, Any, BinaryIO, ClassVar, Literal
 
 from pydantic import Field
 
-from avs3d_bench import __version__, layout, media
+from avs3d_bench import __version__
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import AttributionRecord, DatasetRecord, Record, Sha256, Text
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports.samples import UNLISTED, Sample, SplitChoice, samples_of
-from avs3d_bench.files import os_error_line
-from avs3d_bench.parallel import advance, process_each
-from avs3d_bench.schema import AttributionRecord, DatasetRecord, Record, Sha256, Text
-from avs3d_bench.staging import hold
+from avs3d_bench.formats import media
+from avs3d_bench.formats.files import os_error_line
+from avs3d_bench.formats.staging import hold
+from avs3d_bench.runtime.parallel import advance, process_each
 
 SHARDS_JSON = layout.SHARDS_JSON
 _SOURCE = re.compile(r"^(source_[0-9]+|background)\.")

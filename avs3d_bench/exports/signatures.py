@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from avs3d_bench.outputs import Signature
+from avs3d_bench.commands.outputs import Signature
 
 CROISSANT = Signature(
     start=b"{",

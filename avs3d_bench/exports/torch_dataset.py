@@ -63,7 +63,7 @@ from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports.samples import ALL_KINDS, check_split, file_kinds, frames_of, has_sound_scenes, select
 from avs3d_bench.exports.torch_items import ClassKeys, ItemFacts
-from avs3d_bench.imports import import_by_name, needing
+from avs3d_bench.runtime.imports import import_by_name, needing
 
 if TYPE_CHECKING:
     from torch.utils.data import Dataset as _TorchDataset

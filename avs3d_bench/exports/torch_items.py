@@ -14,12 +14,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout, media
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.taxonomy import class_ids
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.exports.samples import FileKind, file_kinds, frame_facts
 from avs3d_bench.exports.webdataset import planes
-from avs3d_bench.taxonomy import class_ids
+from avs3d_bench.formats import media
 
 #: Facts of a frame that become tensors, with their types; the rest of `frame_facts` is for files.
 _NUMBERS = {

@@ -9,10 +9,14 @@ from functools import partial
 from itertools import groupby
 from pathlib import Path
 
-from avs3d_bench import __version__, layout
+from avs3d_bench import __version__
+from avs3d_bench.commands.outputs import Signature, check_replaceable
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.layout import parse_key
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.files import link_or_copy, sha256_file, write_bytes, write_json
+from avs3d_bench.formats.files import link_or_copy, sha256_file, write_bytes, write_json
+from avs3d_bench.formats.staging import staged_folder
 from avs3d_bench.inspector.cards import GalleryCard
 from avs3d_bench.inspector.facts import few
 from avs3d_bench.inspector.pages import PageOf, gallery_page, observation_page, problem_page, sibling_script
@@ -27,10 +31,7 @@ from avs3d_bench.inspector.site import (
     static_asset,
 )
 from avs3d_bench.inspector.submissions import ShownSubmission
-from avs3d_bench.layout import parse_key
-from avs3d_bench.outputs import Signature, check_replaceable
-from avs3d_bench.parallel import advance, process_each
-from avs3d_bench.staging import staged_folder
+from avs3d_bench.runtime.parallel import advance, process_each
 
 #: Marks a folder as ours, so that it may be replaced.
 MARKER = "avs3d-view.json"

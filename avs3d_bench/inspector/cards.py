@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
 from avs3d_bench.dataset import Frame, Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.inspector import pictures

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from avs3d_bench.click_options import HELP, PATH, WORKERS, only_option
-from avs3d_bench.outputs import OUTPUT_FOLDER
+from avs3d_bench.commands.click_options import HELP, PATH, WORKERS, only_option
+from avs3d_bench.commands.outputs import OUTPUT_FOLDER
 
 if TYPE_CHECKING:
     from avs3d_bench.dataset import Dataset
@@ -54,11 +54,11 @@ def view(
 
     Exit status: 0 shown, 1 something could not be read (each named), 2 usage.
     """
+    from avs3d_bench.contract.layout import DATASET_JSON
     from avs3d_bench.dataset import Dataset
     from avs3d_bench.errors import UsageError
     from avs3d_bench.inspector.links import check_link
     from avs3d_bench.inspector.submissions import open_submissions
-    from avs3d_bench.layout import DATASET_JSON
 
     dataset = Dataset(root)
     keys = [observation.key for observation in dataset.select(*only)]

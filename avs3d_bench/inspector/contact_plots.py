@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.signal import spectrogram
 
+from avs3d_bench.contract.layout import FRAME_RATE, is_test
+from avs3d_bench.contract.schema import AUDIBLE_LEVEL_DB, ObservationRecord
 from avs3d_bench.dataset import Observation
 from avs3d_bench.inspector.floorplan import MARGIN, PIXELS_PER_METRE, Bounds, paint_plan, read_plan
 from avs3d_bench.inspector.labels import LabelBox, place_labels
 from avs3d_bench.inspector.pictures import SOUNDING
 from avs3d_bench.inspector.sources import Colour, ShownSound, ShownSource
-from avs3d_bench.layout import FRAME_RATE, is_test
-from avs3d_bench.levels import ild_db
-from avs3d_bench.schema import AUDIBLE_LEVEL_DB, ObservationRecord
-from avs3d_bench.templates import words
+from avs3d_bench.measures.levels import ild_db
+from avs3d_bench.text.templates import words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import files
+from avs3d_bench.commands.outputs import PNG_METADATA, PNG_OF_OURS, check_replaceable
+from avs3d_bench.contract.layout import is_test
+from avs3d_bench.contract.schema import ObservationRecord
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.formats import files
 from avs3d_bench.inspector.contact_plots import INK, MUTED, draw_map, draw_sound, name_objects, write_audible
 from avs3d_bench.inspector.pictures import SOUNDING
 from avs3d_bench.inspector.sources import Colour, ShownSound, read_sound
-from avs3d_bench.layout import is_test
-from avs3d_bench.outputs import PNG_METADATA, PNG_OF_OURS, check_replaceable
-from avs3d_bench.schema import ObservationRecord
-from avs3d_bench.templates import words
+from avs3d_bench.text.templates import words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

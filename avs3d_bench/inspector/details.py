@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from avs3d_bench.contract.schema import AttributionRecord, LicenceRecord, unique_attributions
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.inspector.moments import Moment
 from avs3d_bench.inspector.sources import ShownSound
-from avs3d_bench.schema import AttributionRecord, LicenceRecord, unique_attributions
 
 
 def list_details(

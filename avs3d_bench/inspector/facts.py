@@ -15,15 +15,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import AttributionRecord, InstanceRecord
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.inspector.details import list_details, list_licences
 from avs3d_bench.inspector.moments import Moment
 from avs3d_bench.inspector.sound import read_clip
 from avs3d_bench.inspector.sources import ShownSound, read_sound
-from avs3d_bench.levels import ild_db, level_db
-from avs3d_bench.schema import AttributionRecord, InstanceRecord
+from avs3d_bench.measures.levels import ild_db, level_db
 
 #: The object fills at most this share of a thumbnail, so that something of the room is seen.
 _BEST_SHARE = 0.2

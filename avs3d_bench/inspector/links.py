@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
 from avs3d_bench.errors import Avs3dError
 
 #: What the pages are made of, relative to an observation.

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import IO
 
+from avs3d_bench.contract.layout import parse_key
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.inspector.cards import GalleryCard
@@ -26,7 +27,6 @@ from avs3d_bench.inspector.site import (
     static_asset,
 )
 from avs3d_bench.inspector.submissions import ShownSubmission
-from avs3d_bench.layout import parse_key
 
 #: Slow to make, or asked for all at once.
 _KEPT, _STEMS = (THUMBNAIL, FLOOR, SOUND, AMBISONICS), "stems/"

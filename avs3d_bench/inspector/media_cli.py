@@ -8,9 +8,9 @@ from typing import Literal
 
 import click
 
-from avs3d_bench.click_options import HELP, PATH, dataset_option, only_option
+from avs3d_bench.commands.click_options import HELP, PATH, dataset_option, only_option
+from avs3d_bench.commands.outputs import DRAWN_BY, OUTPUT_FOLDER, OutputFile, Signature
 from avs3d_bench.errors import UsageError
-from avs3d_bench.outputs import DRAWN_BY, OUTPUT_FOLDER, OutputFile, Signature
 
 #: What a film and a saved scene (the HTML; a recording of viser has no room for it) say about themselves.
 _FILM = Signature(marks=(b"ftyp", DRAWN_BY.encode()))

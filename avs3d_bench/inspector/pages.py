@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
+from avs3d_bench.contract.layout import BACKGROUND
+from avs3d_bench.contract.taxonomy import PARTS, ROOMS
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.inspector.cards import GalleryCard
 from avs3d_bench.inspector.facts import few
@@ -20,9 +22,7 @@ from avs3d_bench.inspector.floorplan import map_bounds
 from avs3d_bench.inspector.moments import Moment
 from avs3d_bench.inspector.site import ObservationSite
 from avs3d_bench.inspector.sources import SOUND_KINDS, ShownSource
-from avs3d_bench.layout import BACKGROUND
-from avs3d_bench.taxonomy import PARTS, ROOMS
-from avs3d_bench.templates import MISSING, keep_units, template_environment, words
+from avs3d_bench.text.templates import MISSING, keep_units, template_environment, words
 
 if TYPE_CHECKING:
     from jinja2 import Environment

@@ -22,7 +22,7 @@ from urllib.parse import unquote, urlsplit
 
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.files import os_error_line
+from avs3d_bench.formats.files import os_error_line
 from avs3d_bench.inspector.live import LiveSite
 from avs3d_bench.inspector.site import PAGE, DamagedError, NotThereError, media_type
 from avs3d_bench.inspector.submissions import ShownSubmission

@@ -27,10 +27,11 @@ from functools import cached_property
 from importlib.resources import files as package_files
 from pathlib import Path
 
-from avs3d_bench import layout, media
+from avs3d_bench.contract import layout
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.files import os_error_line, read_bytes
+from avs3d_bench.formats import media
+from avs3d_bench.formats.files import os_error_line, read_bytes
 from avs3d_bench.inspector import pictures
 from avs3d_bench.inspector.cards import GalleryCard, read_card
 from avs3d_bench.inspector.facts import PageFacts, best_frames, read_facts, without_path

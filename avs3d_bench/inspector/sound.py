@@ -21,9 +21,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench.dataset import Frame, Observation
-from avs3d_bench.errors import Avs3dError
-from avs3d_bench.layout import (
+from avs3d_bench.contract.layout import (
     AMBISONICS,
     BINAURAL,
     BINAURAL_SAMPLES,
@@ -32,6 +30,8 @@ from avs3d_bench.layout import (
     clips_folder,
     stem_path,
 )
+from avs3d_bench.dataset import Frame, Observation
+from avs3d_bench.errors import Avs3dError
 
 #: Length of the cross-fade where clips meet.
 FADE_SECONDS = 0.005

@@ -14,16 +14,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import AudibleRecord, BackgroundRecord, ObservationRecord, SourceRecord
+from avs3d_bench.contract.taxonomy import DISTRACTORS
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import direction_to
 from avs3d_bench.inspector import pictures
 from avs3d_bench.inspector.links import check_link
 from avs3d_bench.inspector.pictures import SOUNDING
-from avs3d_bench.schema import AudibleRecord, BackgroundRecord, ObservationRecord, SourceRecord
-from avs3d_bench.taxonomy import DISTRACTORS
-from avs3d_bench.templates import words
+from avs3d_bench.text.templates import words
 
 Colour = tuple[int, int, int]
 #: RGB of sources, after Okabe & Ito (2008) and IBM's palette; without the blues of predictions and of the agent.

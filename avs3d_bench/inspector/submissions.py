@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import SubmissionRecord
 from avs3d_bench.dataset import Dataset, Frame
 from avs3d_bench.errors import UsageError
-from avs3d_bench.files import read_record
+from avs3d_bench.formats.files import read_record
+from avs3d_bench.formats.predictions import MAX_JSON_BYTES, check_file, read_mask
 from avs3d_bench.inspector.links import check_link
-from avs3d_bench.predictions import MAX_JSON_BYTES, check_file, read_mask
-from avs3d_bench.schema import SubmissionRecord
 from avs3d_bench.submission import frame_size
 
 #: Keys 1 to 9 of the keyboard.

@@ -27,14 +27,14 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from avs3d_bench.commands.outputs import DRAWN_BY
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import UsageError
-from avs3d_bench.files import atomic_path
-from avs3d_bench.imports import needing
+from avs3d_bench.formats.files import atomic_path
 from avs3d_bench.inspector.view3d_data import Scene3D, read_scene
 from avs3d_bench.inspector.view3d_stage import ViserScene, legend
-from avs3d_bench.outputs import DRAWN_BY
-from avs3d_bench.templates import words
+from avs3d_bench.runtime.imports import needing
+from avs3d_bench.text.templates import words
 
 if TYPE_CHECKING:
     from types import ModuleType

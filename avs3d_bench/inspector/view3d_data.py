@@ -14,17 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import InstanceRecord, ObservationRecord, SubmissionRecord
 from avs3d_bench.dataset import Frame, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.files import read_record
+from avs3d_bench.formats.files import read_record
+from avs3d_bench.formats.ply import Ply
+from avs3d_bench.formats.predictions import read_points
 from avs3d_bench.geometry import Intrinsics, Pose
 from avs3d_bench.inspector.floorplan import HEAD
 from avs3d_bench.inspector.sources import ShownSound, read_sound
 from avs3d_bench.inspector.view3d_surfaces import VisibleSurface, room_surfaces
-from avs3d_bench.ply import Ply
-from avs3d_bench.predictions import read_points
-from avs3d_bench.schema import InstanceRecord, ObservationRecord, SubmissionRecord
 
 #: Points from depth: this many frames, and about this many points of each.
 DEPTH_FRAMES, DEPTH_POINTS = 12, 25_000

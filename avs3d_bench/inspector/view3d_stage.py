@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from avs3d_bench.contract.schema import InstanceRecord, Vector3
+from avs3d_bench.formats.ply import Ply
 from avs3d_bench.geometry import Pose
 from avs3d_bench.inspector.pictures import shrunk
 from avs3d_bench.inspector.sources import ShownSound
 from avs3d_bench.inspector.view3d_data import Cloud, Scene3D
 from avs3d_bench.inspector.view3d_surfaces import VisibleSurface
-from avs3d_bench.ply import Ply
-from avs3d_bench.schema import InstanceRecord, Vector3
-from avs3d_bench.templates import words
+from avs3d_bench.text.templates import words
 
 #: Pictures on the frusta, pixels a side: in the scene, and of the frame that is shown now.
 THUMB_SIDE, CURRENT_SIDE = 96, 320

@@ -44,8 +44,8 @@ def main() -> None:
 def _attempt(connection: Connection[Any, Any], share: int, work: bytes) -> tuple[str, Any]:
     """("done", value) or ("failed", (cause, message, traceback))."""
     from avs3d_bench.errors import Avs3dError
-    from avs3d_bench.files import os_error_line
-    from avs3d_bench.memory_limit import out_of_memory
+    from avs3d_bench.formats.files import os_error_line
+    from avs3d_bench.runtime.memory_limit import out_of_memory
     from avs3d_bench.scheduling.errors import UnfitError
     from avs3d_bench.scheduling.tasks import Context
 

@@ -22,7 +22,7 @@ from queue import Empty, SimpleQueue
 from typing import Any, Self
 
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.imports import needing
+from avs3d_bench.runtime.imports import needing
 from avs3d_bench.scheduling.jobqueue import Jobs, start_cluster
 from avs3d_bench.scheduling.ledger import Ledger, Next
 from avs3d_bench.scheduling.on_worker import TOPIC, AttemptError, TaskSettings, attempt, busy

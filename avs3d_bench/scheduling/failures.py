@@ -13,9 +13,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.files import read_bytes, write_bytes
+from avs3d_bench.formats.files import read_bytes, write_bytes
 from avs3d_bench.scheduling.tasks import Attempt
 
 

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from avs3d_bench.errors import Avs3dError, UsageError, did_you_mean, excerpt
-from avs3d_bench.imports import import_by_name, needing
-from avs3d_bench.yamlfile import read_yaml
+from avs3d_bench.formats.yamlfile import read_yaml
+from avs3d_bench.runtime.imports import import_by_name, needing
 
 #: Name → (module, class, package to install).
 KINDS = {

@@ -21,10 +21,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.file_lock import open_locked
-from avs3d_bench.files import os_error_line, read_bytes
+from avs3d_bench.formats.files import os_error_line, read_bytes
+from avs3d_bench.runtime.file_lock import open_locked
 
 
 @dataclass(frozen=True)

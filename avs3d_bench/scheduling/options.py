@@ -12,9 +12,9 @@ from typing import Any, TypeVar
 
 import click
 
-from avs3d_bench.click_options import PATH
+from avs3d_bench.commands.click_options import PATH
 from avs3d_bench.errors import UsageError
-from avs3d_bench.one_thread import ONE_THREAD
+from avs3d_bench.runtime.one_thread import ONE_THREAD
 from avs3d_bench.scheduling.jobqueue import KINDS
 from avs3d_bench.scheduling.tasks import Policy, Scheduler
 

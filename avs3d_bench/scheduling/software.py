@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 from collections.abc import Mapping
 
-from avs3d_bench.provenance import SOFTWARE
+from avs3d_bench.runtime.provenance import SOFTWARE
 from avs3d_bench.scheduling.errors import UnfitError
 
 #: Digits of a digest in a message.
@@ -18,7 +18,7 @@ def check_software(own: Mapping[str, str], wanted: Mapping[str, str]) -> None:
     """Refuse the work of a run on a machine whose software would give other bytes.
 
     Args:
-        own: name → version of what this process has; `avs3d_bench.provenance.Provenance.versions` and more.
+        own: name → version of what this process has; `avs3d_bench.runtime.provenance.Provenance.versions` and more.
         wanted: the same of the process that started the run.
 
     Raises:

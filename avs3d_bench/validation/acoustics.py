@@ -8,11 +8,11 @@ from contextlib import suppress
 
 import numpy as np
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import ObservationRecord
 from avs3d_bench.dataset import Observation
-from avs3d_bench.decay import eyring, reverberation_time
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.schema import ObservationRecord
+from avs3d_bench.measures.decay import eyring, reverberation_time
 from avs3d_bench.validation.findings import Findings
 from avs3d_bench.validation.interaural import Hearing
 

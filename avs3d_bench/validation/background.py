@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout
-from avs3d_bench.decay import SPEED_OF_SOUND
+from avs3d_bench.contract import layout
+from avs3d_bench.measures.decay import SPEED_OF_SOUND
 
 #: Spacings of the ears that are tried (m): the effective one of a head is larger than its width, as sound bends round.
 SPACINGS = tuple(np.arange(0.14, 0.261, 0.01).tolist())

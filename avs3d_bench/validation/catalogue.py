@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import yaml
 
-from avs3d_bench import layout
-from avs3d_bench.report import Problem
-from avs3d_bench.schema import DatasetRecord, LicenceRecord, ObservationRecord
+from avs3d_bench.commands.report import Problem
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import DatasetRecord, LicenceRecord, ObservationRecord
 
 #: Characters of a manifest that is read here; a larger one is not compared.
 MOST_MANIFEST = 1_000_000

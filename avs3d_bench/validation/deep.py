@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from avs3d_bench import layout, media
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import FrameRecord, ObservationRecord
 from avs3d_bench.dataset import Frame, Observation
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.parallel import advance
-from avs3d_bench.schema import FrameRecord, ObservationRecord
+from avs3d_bench.formats import media
+from avs3d_bench.runtime.parallel import advance
 from avs3d_bench.validation.acoustics import check_gain, check_reverberation
 from avs3d_bench.validation.findings import Findings, read
 from avs3d_bench.validation.interaural import check_delays, check_sides, hearings

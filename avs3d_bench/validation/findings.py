@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeVar
 
+from avs3d_bench.commands.report import Problem, Severity
 from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.report import Problem, Severity
 
 _T = TypeVar("_T")
 

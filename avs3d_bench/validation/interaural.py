@@ -18,10 +18,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import FrameRecord, ObservationRecord
 from avs3d_bench.dataset import Frame
 from avs3d_bench.geometry import direction_to
-from avs3d_bench.schema import FrameRecord, ObservationRecord
 from avs3d_bench.validation.findings import Findings
 from avs3d_bench.validation.sound import BinauralClip
 from avs3d_bench.validation.sources import sounds_throughout

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout, media
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import FrameRecord, ObservationRecord
 from avs3d_bench.dataset import Frame, Observation
-from avs3d_bench.ply import Ply
-from avs3d_bench.schema import FrameRecord, ObservationRecord
+from avs3d_bench.formats import media
+from avs3d_bench.formats.ply import Ply
 from avs3d_bench.validation.findings import Findings, read
 
 #: gt_3d against the bounds of the record (m).

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from avs3d_bench import layout
-from avs3d_bench.colmap import ColmapModel
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import ObservationRecord
 from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.formats.colmap import ColmapModel
 from avs3d_bench.geometry import rotation_angle
-from avs3d_bench.schema import ObservationRecord
 from avs3d_bench.validation.findings import Findings
 from avs3d_bench.validation.motion import moving_points
 

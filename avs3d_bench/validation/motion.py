@@ -7,12 +7,12 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 
-from avs3d_bench import layout
-from avs3d_bench.colmap import ColmapModel
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import ObservationRecord
 from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.formats.colmap import ColmapModel
 from avs3d_bench.geometry import Pose, rotation_angle
-from avs3d_bench.schema import ObservationRecord
 
 #: How far poses of the first frame, and the source from its place on the object, may be off: metres, degrees.
 TOLERANCE = (2e-3, 0.05)

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout
-from avs3d_bench.schema import ObservationRecord, SourceRecord
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import ObservationRecord, SourceRecord
 from avs3d_bench.validation.findings import Findings
 from avs3d_bench.validation.sightings import Sightings
 

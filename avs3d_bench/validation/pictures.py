@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from avs3d_bench import layout, media
+from avs3d_bench.contract import layout
 from avs3d_bench.dataset import Frame
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.formats import media
 from avs3d_bench.validation.findings import Findings, read
 
 

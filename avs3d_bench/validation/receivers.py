@@ -14,9 +14,10 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout, media
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import ObservationRecord
 from avs3d_bench.dataset import Frame
-from avs3d_bench.schema import ObservationRecord
+from avs3d_bench.formats import media
 from avs3d_bench.validation.findings import Findings, read
 from avs3d_bench.validation.interaural import (
     LEAST_FRAMES,

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import FrameRecord, ObservationRecord
 from avs3d_bench.dataset import Observation
 from avs3d_bench.geometry import direction_to
-from avs3d_bench.schema import FrameRecord, ObservationRecord
 from avs3d_bench.validation.findings import Findings
 from avs3d_bench.validation.motion import motion_problems
 from avs3d_bench.validation.sources import check_sources

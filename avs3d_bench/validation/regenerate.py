@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from avs3d_bench import layout
+from avs3d_bench.commands.report import Problem, ordered
+from avs3d_bench.contract import layout
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import UsageError
-from avs3d_bench.imports import needing
-from avs3d_bench.report import Problem, ordered
+from avs3d_bench.runtime.imports import needing
 
 #: Entry points that regenerate frames: called with (root, key → indices, manifest or None, say, SOFA file or None),
 #: they give problems.

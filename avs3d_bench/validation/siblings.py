@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from avs3d_bench import layout
+from avs3d_bench.commands.report import Problem
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import InstanceRecord, ObservationRecord
 from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.report import Problem
-from avs3d_bench.schema import InstanceRecord, ObservationRecord
 
 #: Folders and files that are the same, byte for byte, in all siblings.
 SHARED = (*(f"{folder}/" for folder in layout.SIBLING_FOLDERS), layout.SPLITS_JSON)

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout
-from avs3d_bench.colmap import ColmapModel
+from avs3d_bench.contract import layout
+from avs3d_bench.formats.colmap import ColmapModel
 from avs3d_bench.geometry import Intrinsics
 from avs3d_bench.validation.findings import Findings
 

@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import FrameRecord, ObservationRecord
 from avs3d_bench.dataset import Frame
+from avs3d_bench.formats.ply import Ply
 from avs3d_bench.geometry import Pose
-from avs3d_bench.ply import Ply
-from avs3d_bench.schema import FrameRecord, ObservationRecord
-from avs3d_bench.silhouette import silhouette
+from avs3d_bench.measures.silhouette import silhouette
 from avs3d_bench.validation.findings import Findings
 from avs3d_bench.validation.masks import Contents, frame_paths
 from avs3d_bench.validation.rays import first_hits

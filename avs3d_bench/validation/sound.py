@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout, media
+from avs3d_bench.commands.report import Severity
+from avs3d_bench.contract import layout
 from avs3d_bench.dataset import Frame, Split
-from avs3d_bench.report import Severity
+from avs3d_bench.formats import media
 from avs3d_bench.validation.findings import Findings, read
 
 #: A channel whose RMS is below this is silent (−120 dB of full scale).

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from avs3d_bench import layout
-from avs3d_bench.schema import (
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import (
     AUDIBLE_LEVEL_DB,
     AUDIBLE_SNR_DB,
     EARLIEST_START,

@@ -9,9 +9,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout
-from avs3d_bench.dataset import Frame
-from avs3d_bench.schema import (
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import (
     AUDIBLE_LEVEL_DB,
     AUDIBLE_SNR_DB,
     BackgroundRecord,
@@ -19,6 +18,7 @@ from avs3d_bench.schema import (
     ObservationRecord,
     SourceRecord,
 )
+from avs3d_bench.dataset import Frame
 from avs3d_bench.validation.background import Coherence
 from avs3d_bench.validation.findings import Findings, read
 from avs3d_bench.validation.sound import SILENCE, BinauralClip, check_response

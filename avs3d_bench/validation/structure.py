@@ -11,12 +11,13 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from avs3d_bench import layout, media
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.layout import SoundScene
+from avs3d_bench.contract.schema import CameraSplits, ObservationRecord, describe
 from avs3d_bench.dataset import Observation, parse_splits
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.files import require_regular
-from avs3d_bench.layout import SoundScene
-from avs3d_bench.schema import CameraSplits, ObservationRecord, describe
+from avs3d_bench.formats import media
+from avs3d_bench.formats.files import require_regular
 from avs3d_bench.validation.findings import Findings
 from avs3d_bench.validation.records import check_record
 from avs3d_bench.validation.sources import has_stems

@@ -14,15 +14,15 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from avs3d_bench import layout
+from avs3d_bench.commands.report import Problem, Report, ordered
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import DatasetRecord, ObservationRecord, describe
+from avs3d_bench.contract.taxonomy import PARTS, ROOMS
 from avs3d_bench.dataset import Dataset, Observation, find_keys
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.files import read_bytes, sha256_file
-from avs3d_bench.parallel import process_each
-from avs3d_bench.report import Problem, Report, ordered
-from avs3d_bench.schema import DatasetRecord, ObservationRecord, describe
-from avs3d_bench.sealed import MANIFEST, OPENING_KEY, PUBLIC, check_public, read_seal
-from avs3d_bench.taxonomy import PARTS, ROOMS
+from avs3d_bench.formats.files import read_bytes, sha256_file
+from avs3d_bench.runtime.parallel import process_each
+from avs3d_bench.sealing.seal import MANIFEST, OPENING_KEY, PUBLIC, check_public, read_seal
 from avs3d_bench.validation.catalogue import check_catalogue
 from avs3d_bench.validation.siblings import check_groups
 from avs3d_bench.validation.structure import check_structure

@@ -33,8 +33,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from avs3d_bench.contract.schema import AUDIBLE_LEVEL_DB
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.schema import AUDIBLE_LEVEL_DB
 from baselines.echosegnet import cells as cells_of
 from baselines.echosegnet import mixture
 from baselines.echosegnet.cells import Cells

@@ -31,8 +31,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.fft import rfft, rfftfreq
 from scipy.signal import lfilter
 
+from avs3d_bench.contract.layout import SAMPLE_RATE
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.layout import SAMPLE_RATE
 
 Array = NDArray[np.float64]
 

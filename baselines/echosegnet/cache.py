@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
 from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.files import atomic_path, sha256_file
-from avs3d_bench.provenance import provenance
+from avs3d_bench.formats.files import atomic_path, sha256_file
+from avs3d_bench.runtime.provenance import provenance
 from baselines.echosegnet.rasteriser.rendering import Rasteriser
 from baselines.echosegnet.views import picture_folder
 

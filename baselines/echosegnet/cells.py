@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.fft import rfftfreq
 from scipy.signal import lfilter
 
-from avs3d_bench.layout import SAMPLE_RATE
+from avs3d_bench.contract.layout import SAMPLE_RATE
 from baselines.echosegnet import binaural
 
 Array = NDArray[np.float64]

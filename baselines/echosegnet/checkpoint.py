@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.files import atomic_path, dump_json
+from avs3d_bench.formats.files import atomic_path, dump_json
 from baselines.echosegnet.densify import PARAMETERS, GradientStats, parameters
 from baselines.echosegnet.gaussians import Gaussians
 from baselines.echosegnet.schedule import TrainingSettings

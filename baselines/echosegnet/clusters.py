@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
+from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.taxonomy import CATEGORIES
 
 Points = NDArray[np.float64]
 Labels = NDArray[np.int64]

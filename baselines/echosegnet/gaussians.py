@@ -21,8 +21,8 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.ply import write_tables
-from avs3d_bench.ply_reader import read_tables
+from avs3d_bench.formats.ply import write_tables
+from avs3d_bench.formats.ply_reader import read_tables
 
 #: The constant spherical harmonic, ½·√(1/π).
 SH_C0 = 0.28209479177387814

@@ -14,11 +14,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
 from avs3d_bench.dataset import Frame, Observation
 from avs3d_bench.errors import UsageError
-from avs3d_bench.files import sha256_file
-from avs3d_bench.provenance import provenance
+from avs3d_bench.formats.files import sha256_file
+from avs3d_bench.runtime.provenance import provenance
 from baselines.echosegnet.cache import Stages, digest
 from baselines.echosegnet.sources import Mask, MaskSource
 
@@ -43,7 +43,7 @@ class Marker(Protocol):
 
     @property
     def entry(self) -> str:
-        """``baselines.module:name`` of what makes the masks (see `avs3d_bench.provenance`)."""
+        """``baselines.module:name`` of what makes the masks (see `avs3d_bench.runtime.provenance`)."""
 
     def mark(self, frames: Sequence[Frame], device: Any) -> Iterable[NDArray[np.uint8]]:
         """(H, W) class ids of each of the train frames of one observation, in their order."""

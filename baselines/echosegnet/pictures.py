@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
 from avs3d_bench.errors import Avs3dError
 from baselines.echosegnet.gaussians import Gaussians
 from baselines.echosegnet.rasteriser.rendering import Rasteriser

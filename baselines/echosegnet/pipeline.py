@@ -35,11 +35,11 @@ import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from avs3d_bench.contract.schema import Scalar
 from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.file_lock import wait_for_lock
 from avs3d_bench.geometry import flip_world
-from avs3d_bench.schema import Scalar
+from avs3d_bench.runtime.file_lock import wait_for_lock
 from baselines.echosegnet import aisrm, clusters, spatial
 from baselines.echosegnet.cache import Stages, digest
 from baselines.echosegnet.decompose import decompose

@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Required, TypedDict, Unpack
 
+from avs3d_bench.contract.schema import ProvenanceRecord, Scalar
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.imports import missing_extra
-from avs3d_bench.provenance import Provenance, provenance
+from avs3d_bench.runtime.imports import missing_extra
+from avs3d_bench.runtime.provenance import Provenance, provenance
 from avs3d_bench.scheduling.errors import UnfitError
 from avs3d_bench.scheduling.options import Options
 from avs3d_bench.scheduling.software import check_software
 from avs3d_bench.scheduling.tasks import Context
-from avs3d_bench.schema import ProvenanceRecord, Scalar
 from avs3d_bench.submission import SubmissionFolder, SubmissionWriter
 from baselines.echosegnet.jobs import all_devices, device_of, run_each, spread
 from baselines.echosegnet.network_masks import AnySource, NetworkMasks

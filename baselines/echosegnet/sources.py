@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench.dataset import Frame
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.media import read_png_mask
+from avs3d_bench.formats.media import read_png_mask
 from baselines.oracle import PERFECT, Instance, oracle_mask, oracle_prediction
 from baselines.oracle_errors import ErrorModel
 

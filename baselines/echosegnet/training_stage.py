@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from avs3d_bench.dataset import Observation
-from avs3d_bench.files import read_json, write_json
+from avs3d_bench.formats.files import read_json, write_json
 from baselines.echosegnet.cache import Stages, digest, inputs_digest, software_digest
 from baselines.echosegnet.gaussians import Gaussians, read_ply, write_ply
 from baselines.echosegnet.rasteriser.rendering import Rasteriser

@@ -18,7 +18,7 @@ from pathlib import PurePosixPath
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
 from avs3d_bench.dataset import Frame, Observation, Split
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, flip_world

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import affine_grid, avg_pool2d, grid_sample, pad
 
-from avs3d_bench.layout import SAMPLE_RATE
+from avs3d_bench.contract.layout import SAMPLE_RATE
 from baselines.listener.batches import BatchPlan
 from baselines.listener.features import HIGHEST, LOWEST
 from baselines.listener.model import CLASSES

@@ -23,8 +23,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.errors import UsageError
-from avs3d_bench.taxonomy import CATEGORIES
 from baselines.listener.shards import ShardStore
 
 #: Sounds of one picture in a batch.

@@ -10,12 +10,13 @@ from typing import Any
 
 import torch
 
-from avs3d_bench import __version__, media
+from avs3d_bench import __version__
+from avs3d_bench.commands.outputs import Signature, check_replaceable
+from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.exports.shards import SHARDS_JSON
-from avs3d_bench.files import atomic_path, write_json
-from avs3d_bench.outputs import Signature, check_replaceable
-from avs3d_bench.taxonomy import CATEGORIES
+from avs3d_bench.formats import media
+from avs3d_bench.formats.files import atomic_path, write_json
 from baselines.listener.batches import split_homes
 from baselines.listener.checkpoint import Settings
 from baselines.listener.model import parameter_count

@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.optim.swa_utils import AveragedModel
 
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.files import atomic_path
+from avs3d_bench.formats.files import atomic_path
 from baselines.listener.batches import SOUNDS
 from baselines.listener.model import Listener, Widths
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import click
 
-from avs3d_bench.click_options import PATH, WORKERS, Group
+from avs3d_bench.commands.click_options import PATH, WORKERS, Group
+from avs3d_bench.commands.outputs import OUTPUT_FOLDER
 from avs3d_bench.errors import UsageError
-from avs3d_bench.outputs import OUTPUT_FOLDER
 
 _PRECISION = {"bf16": "bf16-mixed", "fp32": "32-true"}
 #: Epochs of a run that names neither steps nor epochs.

@@ -27,7 +27,7 @@ from scipy.special import ive
 from torch import Tensor
 from torch.nn.functional import conv1d
 
-from avs3d_bench.layout import SAMPLE_RATE
+from avs3d_bench.contract.layout import SAMPLE_RATE
 from baselines.listener.features import FLOOR_DB, HOP, Spectra, decibels, frequencies
 
 #: Radius of the head (m) and speed of sound (m/s).

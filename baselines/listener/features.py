@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
-from avs3d_bench.layout import SAMPLE_RATE
+from avs3d_bench.contract.layout import SAMPLE_RATE
 
 #: Window of the short-time Fourier transform, and its step (samples): 23 ms and 12 ms.
 WINDOW, HOP = 1024, 512

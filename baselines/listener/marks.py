@@ -58,7 +58,7 @@ class ListenerMarker:
 
     @property
     def entry(self) -> str:
-        """The module that computes the masks (see `avs3d_bench.provenance`)."""
+        """The module that computes the masks (see `avs3d_bench.runtime.provenance`)."""
         return "baselines.listener.marks:ListenerMarker"
 
     @property

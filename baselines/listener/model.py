@@ -29,7 +29,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from avs3d_bench.taxonomy import CATEGORIES
+from avs3d_bench.contract.taxonomy import CATEGORIES
 from baselines.listener import direction, features
 from baselines.listener.blocks import Block, Listen, Mix, Up, down
 

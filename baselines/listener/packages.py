@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from avs3d_bench.errors import UsageError
-from avs3d_bench.imports import require_package
+from avs3d_bench.runtime.imports import require_package
 
 #: Extra of the package → modules, of each tuple one is enough.
 NEEDED = {

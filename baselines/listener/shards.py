@@ -24,15 +24,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import AUDIBLE_LEVEL_DB
+from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports import decode_sample
 from avs3d_bench.exports.shard_files import ShardFile, list_shards
-from avs3d_bench.files import write_json
-from avs3d_bench.parallel import advance, process_each
-from avs3d_bench.schema import AUDIBLE_LEVEL_DB
-from avs3d_bench.staging import staged_folder
-from avs3d_bench.taxonomy import CATEGORIES
+from avs3d_bench.formats.files import write_json
+from avs3d_bench.formats.staging import staged_folder
+from avs3d_bench.runtime.parallel import advance, process_each
 
 #: Side of the pictures the network works on (pixels).
 SIDE = 252

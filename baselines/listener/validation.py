@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from avs3d_bench.taxonomy import CATEGORIES
+from avs3d_bench.contract.taxonomy import CATEGORIES
 from baselines.listener.augment import Bank
 from baselines.listener.batches import BatchPlan, SoundKind, split_homes
 from baselines.listener.losses import SUMS, figures, measure

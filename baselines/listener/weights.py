@@ -11,10 +11,10 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
 
-from avs3d_bench import media
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.files import atomic_path
-from avs3d_bench.text import printable
+from avs3d_bench.formats import media
+from avs3d_bench.formats.files import atomic_path
+from avs3d_bench.text.printable import printable
 from baselines.listener.model import Listener, Widths
 
 #: Changes when the network's layers, its features or its direction map do.

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.imports import require_package
+from avs3d_bench.runtime.imports import require_package
 
 #: Weights as `save_pretrained` writes them: one file, or an index beside several.
 _WEIGHTS = ("model.safetensors", "model.safetensors.index.json", "pytorch_model.bin", "pytorch_model.bin.index.json")

@@ -10,15 +10,15 @@ from typing import Any, Literal
 
 import numpy as np
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.files import dump_json, read_json, sha256_file, write_json
-from avs3d_bench.imports import has_package
-from avs3d_bench.media import write_png_mask
+from avs3d_bench.formats.files import dump_json, read_json, sha256_file, write_json
+from avs3d_bench.formats.media import write_png_mask
 from avs3d_bench.method import Method, write_submission
-from avs3d_bench.parallel import process_each
-from avs3d_bench.provenance import provenance
+from avs3d_bench.runtime.imports import has_package
+from avs3d_bench.runtime.parallel import process_each
+from avs3d_bench.runtime.provenance import provenance
 from avs3d_bench.submission import SubmissionWriter
 from baselines.networks.checkpoints import find_checkpoint, require_packages
 from baselines.networks.device import enough_memory, inference, pick_device

@@ -1,4 +1,4 @@
-"""A submission in a .zip: every member is vetted (`avs3d_bench.archive`) before the first is written anywhere."""
+"""A submission in a .zip: every member is vetted (`formats.archive`) before the first is written."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from avs3d_bench.archive import MAX_FOLDERS, MAX_NAME, MAX_PATH, Fault, ZipLimits, announced, faults
+from avs3d_bench.commands.report import Problem
+from avs3d_bench.commands.report import printable as printable
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.report import Problem
-from avs3d_bench.report import printable as printable
+from avs3d_bench.formats.archive import MAX_FOLDERS, MAX_NAME, MAX_PATH, Fault, ZipLimits, announced, faults
 
 #: More than any submission needs: 3,000 observations have 45,000 masks, and the list of members takes 200 bytes each.
 #: PNG and PLY files do not shrink much further than 1:200.

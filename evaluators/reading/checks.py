@@ -11,17 +11,17 @@ from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 
-from avs3d_bench import layout
+from avs3d_bench.commands.report import Problem, Report, ordered
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.taxonomy import class_ids
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import UsageError
-from avs3d_bench.media import png_header
-from avs3d_bench.parallel import advance, process_each
-from avs3d_bench.report import Problem, Report, ordered
-from avs3d_bench.taxonomy import class_ids
+from avs3d_bench.formats.media import png_header
+from avs3d_bench.runtime.parallel import advance, process_each
 from evaluators.reading.reader import Reader, problem_of
+from evaluators.reading.records import InvalidSubmission, Submission
 from evaluators.reading.structure import check_structure
 from evaluators.reading.submission import open_submission
-from evaluators.records import InvalidSubmission, Submission
 
 __all__ = [
     "InvalidSubmission",

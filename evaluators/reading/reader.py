@@ -11,12 +11,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout
+from avs3d_bench.commands.report import Problem
+from avs3d_bench.contract import layout
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.files import sha256_bytes, sha256_file
-from avs3d_bench.predictions import read_categories, read_mask, read_points
-from avs3d_bench.report import Problem
-from evaluators.records import Submission
+from avs3d_bench.formats.files import sha256_bytes, sha256_file
+from avs3d_bench.formats.predictions import read_categories, read_mask, read_points
+from evaluators.reading.records import Submission
 
 _Found = TypeVar("_Found")
 

@@ -6,12 +6,12 @@ import stat
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-from avs3d_bench import layout
+from avs3d_bench.commands.report import Problem, printable
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.taxonomy import PARTS, SOUND_SCENES
 from avs3d_bench.dataset import Dataset, Observation
-from avs3d_bench.report import Problem, printable
-from avs3d_bench.taxonomy import PARTS, SOUND_SCENES
+from evaluators.reading.records import Submission
 from evaluators.reading.tree import SubmissionTree
-from evaluators.records import Submission
 
 #: Files that are allowed at the top beside submission.json.
 _COMPANIONS = ("README", "LICENCE", "LICENSE", "CITATION")

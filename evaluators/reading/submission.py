@@ -13,15 +13,15 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from avs3d_bench import layout
+from avs3d_bench.commands.report import Problem, Report, ordered, printable
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import SubmissionRecord, describe
+from avs3d_bench.contract.taxonomy import PARTS, ROOMS
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.files import read_bytes
-from avs3d_bench.predictions import MAX_JSON_BYTES, check_file
-from avs3d_bench.report import Problem, Report, ordered, printable
-from avs3d_bench.schema import SubmissionRecord, describe
-from avs3d_bench.taxonomy import PARTS, ROOMS
+from avs3d_bench.formats.files import read_bytes
+from avs3d_bench.formats.predictions import MAX_JSON_BYTES, check_file
 from evaluators.reading.archive import check_directory, top_folder, unpack, vet
-from evaluators.records import InvalidSubmission, Submission
+from evaluators.reading.records import InvalidSubmission, Submission
 
 _EXPECTED = (
     f"expected {layout.SUBMISSION_JSON} and {'|'.join(PARTS)}/<scan>/<room>/<index>/{layout.SUBMISSION_MASKS}/ with "

@@ -8,7 +8,7 @@ from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from avs3d_bench.report import Problem, Severity, printable
+from avs3d_bench.commands.report import Problem, Severity, printable
 
 #: Names in the longest path that is looked at; a mask of the released pipeline has eight.
 _DEEPEST = 12

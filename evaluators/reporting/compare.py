@@ -14,7 +14,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from avs3d_bench import __version__
-from avs3d_bench.comparisons import (
+from avs3d_bench.commands.report import printable
+from avs3d_bench.contract.comparisons import (
     ComparedDataset,
     ComparedFile,
     Comparer,
@@ -23,14 +24,13 @@ from avs3d_bench.comparisons import (
     PairedDifference,
     PartOrOverall,
 )
+from avs3d_bench.contract.scores import PROTOCOL_PARTS, PROTOCOLS, Metric, Protocol, metrics_of
 from avs3d_bench.errors import UsageError
-from avs3d_bench.report import printable
-from avs3d_bench.scores import PROTOCOL_PARTS, PROTOCOLS, Metric, Protocol, metrics_of
-from evaluators.bootstrap import RESAMPLES, SEED
-from evaluators.comparison import WARN_BELOW, compare_figure, metric_of
 from evaluators.reporting.leaderboard import read_entry
 from evaluators.reporting.ranking import ScoresEntry, ScoringRule, dataset_identity, rulers_of, truth_figures
-from evaluators.sign_flips import LEVEL, flips_for
+from evaluators.statistics.bootstrap import RESAMPLES, SEED
+from evaluators.statistics.comparison import WARN_BELOW, compare_figure, metric_of
+from evaluators.statistics.sign_flips import LEVEL, flips_for
 
 #: Characters of a list of names in a message.
 _NAMED = 300

@@ -10,15 +10,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from avs3d_bench.contract.frame_rows import FrameRow
+from avs3d_bench.contract.scores import Metric
 from avs3d_bench.errors import UsageError
-from avs3d_bench.files import write_bytes
-from avs3d_bench.frame_rows import FrameRow
-from avs3d_bench.scores import Metric
-from avs3d_bench.templates import words
-from avs3d_bench.text import no_formula
-from evaluators.curves import Bin, FactorCurve, FactorPoint, curves
-from evaluators.frame_rows import read_rows
+from avs3d_bench.formats.files import write_bytes
+from avs3d_bench.text.printable import no_formula
+from avs3d_bench.text.templates import words
 from evaluators.reporting.pages import write_page
+from evaluators.statistics.curves import Bin, FactorCurve, FactorPoint, curves
+from evaluators.statistics.frame_rows import read_rows
 
 #: Most tables of frames on one page: so many colours can be told apart.
 MOST_TABLES = 4

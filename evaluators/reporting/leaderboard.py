@@ -16,16 +16,16 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from avs3d_bench.commands.outputs import check_replaceable
+from avs3d_bench.commands.report import printable
+from avs3d_bench.contract.scores import Scores
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.files import dump_json, write_bytes
-from avs3d_bench.outputs import check_replaceable
-from avs3d_bench.report import printable
-from avs3d_bench.scores import Scores
+from avs3d_bench.formats.files import dump_json, write_bytes
 from evaluators.reporting.pages import write_page
 from evaluators.reporting.ranking import ScoresEntry, leaderboard_values
 from evaluators.reporting.report_check import read_report
-from evaluators.score_file import contents_digest, read_scores, read_verification
-from evaluators.signatures import LEADERBOARD, REPORT, SCORES
+from evaluators.reporting.score_file import contents_digest, read_scores, read_verification
+from evaluators.reporting.signatures import LEADERBOARD, REPORT, SCORES
 
 _SLUG_LENGTH = 60
 _SHORT_DIGEST = 12

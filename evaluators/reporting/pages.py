@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from avs3d_bench.files import write_bytes
-from avs3d_bench.scores import GroupScores, Metric
-from avs3d_bench.templates import MISSING, template_environment, words
-from evaluators.bootstrap import FEWEST
-from evaluators.comparison import WARN_BELOW
+from avs3d_bench.contract.scores import GroupScores, Metric
+from avs3d_bench.formats.files import write_bytes
+from avs3d_bench.text.templates import MISSING, template_environment, words
+from evaluators.reporting.signatures import GENERATORS
 from evaluators.reporting.standings import MOST_METHODS
-from evaluators.signatures import GENERATORS
+from evaluators.statistics.bootstrap import FEWEST
+from evaluators.statistics.comparison import WARN_BELOW
 
 if TYPE_CHECKING:
     from jinja2 import Environment

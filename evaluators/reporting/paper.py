@@ -23,7 +23,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from avs3d_bench.schema import Scalar, SubmissionRecord
+from avs3d_bench.contract.schema import Scalar, SubmissionRecord
 
 CITATION: Final = "Sokolov, Bhosale, Zhu: 3D Audio-Visual Segmentation, 2024, arXiv:2411.02236"
 DATASET: Final = "3DAVS-S34-O7"

@@ -14,10 +14,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout, media
+from avs3d_bench.contract import layout
 from avs3d_bench.dataset import Dataset, Frame
 from avs3d_bench.errors import Avs3dError
-from evaluators.records import FrameScore, Submission
+from avs3d_bench.formats import media
+from evaluators.reading.records import FrameScore, Submission
 from evaluators.reporting.sounds import silent_twins, sounds_in
 
 U8 = NDArray[np.uint8]

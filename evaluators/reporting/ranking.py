@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from avs3d_bench.comparisons import PartOrOverall
-from avs3d_bench.scores import (
+from avs3d_bench.contract.comparisons import PartOrOverall
+from avs3d_bench.contract.scores import (
     ALL_REFERENCES,
     BLIND_REFERENCES,
     PROTOCOL_PARTS,

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from avs3d_bench.dataset import Dataset
-from avs3d_bench.scores import (
+from avs3d_bench.contract.scores import (
     ALL_REFERENCES,
     BLIND_REFERENCES,
     DEAF_ORACLES,
@@ -25,15 +24,16 @@ from avs3d_bench.scores import (
     ObservationScores,
     Scores,
 )
-from avs3d_bench.taxonomy import CATEGORIES, PARTS, ROOMS
-from avs3d_bench.templates import words
-from evaluators.frame_rows import frame_rows
-from evaluators.protocols import unseen_note
-from evaluators.records import Evaluation, FrameScore, Submission
+from avs3d_bench.contract.taxonomy import CATEGORIES, PARTS, ROOMS
+from avs3d_bench.dataset import Dataset
+from avs3d_bench.text.templates import words
+from evaluators.protocols.official_strict import unseen_note
+from evaluators.reading.records import Evaluation, FrameScore, Submission
 from evaluators.reporting.factors import factor_page
 from evaluators.reporting.pages import PART_NOTES, PART_TITLES, REFERENCE_TITLES, figure, interval, write_page
 from evaluators.reporting.pictures import Triple, draw_triple
 from evaluators.reporting.siblings import draw_siblings
+from evaluators.statistics.frame_rows import frame_rows
 
 #: Groups of siblings that a report shows, those with the most wrong pairs first.
 SHOWN_GROUPS = 6

@@ -17,7 +17,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.files import read_bytes
+from avs3d_bench.formats.files import read_bytes
 from evaluators.reporting.pages import page_script, report_head, web_address
 
 #: Largest report (bytes): 24 rows of three pictures take a few MB.

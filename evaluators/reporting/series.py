@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from avs3d_bench.contract.scores import metrics_of
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.scores import metrics_of
 from evaluators.reading.archive import printable
 from evaluators.reporting import paper
 from evaluators.reporting.pages import figure

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from avs3d_bench.dataset import Dataset
-from evaluators.metrics import frame_counts
-from evaluators.pairs import is_right
-from evaluators.records import SiblingFrame, Submission
+from evaluators.metrics.masks import frame_counts
+from evaluators.metrics.pairs import is_right
+from evaluators.reading.records import SiblingFrame, Submission
 from evaluators.reporting.pictures import (
     SMALL,
     Picture,

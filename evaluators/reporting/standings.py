@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from avs3d_bench.comparisons import FigureComparison, PairedDifference, PartOrOverall
-from avs3d_bench.scores import Metric, Scores
-from evaluators.comparison import WARN_BELOW, compare_figure
+from avs3d_bench.contract.comparisons import FigureComparison, PairedDifference, PartOrOverall
+from avs3d_bench.contract.scores import Metric, Scores
+from evaluators.statistics.comparison import WARN_BELOW, compare_figure
 
 #: More methods are ordered by their means alone: the correction for so many pairs leaves few p-values below the level,
 #: and the tests of all figures would take minutes.

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from avs3d_bench.click_options import HELP, PATH
-from avs3d_bench.outputs import OUTPUT_FOLDER
+from avs3d_bench.commands.click_options import HELP, PATH
+from avs3d_bench.commands.outputs import OUTPUT_FOLDER
 
 
 @click.command(context_settings=HELP, short_help="Draw scores against a parameter of a sweep.")

@@ -1,8 +1,9 @@
 """Scores against a parameter of a sweep, from files of scores: one curve per method, with intervals.
 
-Each value of the parameter has the scores of the same observations under another condition (`evaluators.conditions`).
-Figures and intervals of a value are those that the file of scores would have if only its observations had been scored:
-means over observations, pair accuracy over groups, pairs of siblings under the same condition only.
+Each value of the parameter has the scores of the same observations under another condition
+(`evaluators.protocols.conditions`). Figures and intervals of a value are those that the file of scores would have if
+only its observations had been scored: means over observations, pair accuracy over groups, pairs of siblings under the
+same condition only.
 
 The change from a reference value is the mean of paired differences: of each original under both conditions, or of each
 group for pair accuracy. Its interval resamples originals, in part_3 groups, as `avs3d compare` does.
@@ -17,18 +18,18 @@ from csv import DictWriter
 from dataclasses import dataclass
 from pathlib import Path
 
+from avs3d_bench.contract.scores import METRICS, GroupScores, Metric, ObservationScores, SiblingScores
 from avs3d_bench.errors import Avs3dError, UsageError, did_you_mean
-from avs3d_bench.scores import METRICS, GroupScores, Metric, ObservationScores, SiblingScores
-from evaluators.bootstrap import difference_interval
-from evaluators.comparison import figure_of
-from evaluators.pairs import group_accuracies
-from evaluators.protocols import summarise
+from evaluators.metrics.pairs import group_accuracies
+from evaluators.protocols.official_strict import summarise
 from evaluators.reporting.leaderboard import read_entries
 from evaluators.reporting.pages import figure, interval, number, span
 from evaluators.reporting.ranking import ScoresEntry, dataset_identity, rulers_of
 from evaluators.reporting.series import titles_of
 from evaluators.reporting.table_contents import inert
 from evaluators.reporting.tables_markdown import plain
+from evaluators.statistics.bootstrap import difference_interval
+from evaluators.statistics.comparison import figure_of
 
 Value = float | str | None
 #: Field → value of everything that varies beside the parameter; empty if nothing does.

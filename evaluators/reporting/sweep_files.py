@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from evaluators.reporting.signatures import CURVES
 from evaluators.reporting.sweep_curve import csv_text, markdown_text, read_sweep
 from evaluators.reporting.tables import need_matplotlib, write_beside
-from evaluators.signatures import CURVES
 
 
 def write_sweep(

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from avs3d_bench.outputs import PNG_METADATA
+from avs3d_bench.commands.outputs import PNG_METADATA
 from evaluators.reporting.pages import clean, figure, interval
 from evaluators.reporting.sweep_curve import Sweep, SweepCurve, Value, value_text, values_of
 from evaluators.reporting.tables_plot import COLOURS, SOFT, TICKS, encode, head_of, new_figure, style
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from avs3d_bench.scores import Metric
+    from avs3d_bench.contract.scores import Metric
 
 _TITLES = {
     "acoustics.absorption_scale": "absorption scale",

@@ -8,11 +8,11 @@ from csv import DictWriter
 from dataclasses import dataclass
 from typing import Any
 
-from avs3d_bench.report import printable
-from avs3d_bench.schema import Scalar
-from avs3d_bench.scores import ALL_REFERENCES, METRICS, GroupScores, Metric, Scores
-from avs3d_bench.taxonomy import PARTS
-from avs3d_bench.text import no_formula
+from avs3d_bench.commands.report import printable
+from avs3d_bench.contract.schema import Scalar
+from avs3d_bench.contract.scores import ALL_REFERENCES, METRICS, GroupScores, Metric, Scores
+from avs3d_bench.contract.taxonomy import PARTS
+from avs3d_bench.text.printable import no_formula
 from evaluators.reporting import paper
 from evaluators.reporting.pages import REFERENCE_TITLES, figure, interval
 from evaluators.reporting.ranking import ScoresEntry, ScoringRule, references_of

@@ -17,13 +17,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
+from avs3d_bench.commands.outputs import Signature, check_apart, write_outputs
 from avs3d_bench.errors import UsageError
-from avs3d_bench.imports import require_package
-from avs3d_bench.outputs import Signature, check_apart, write_outputs
+from avs3d_bench.runtime.imports import require_package
 from evaluators.reporting.leaderboard import read_entries
 from evaluators.reporting.series import THRESHOLD
+from evaluators.reporting.signatures import TABLES
 from evaluators.reporting.table_contents import csv, table_2, table_3
-from evaluators.signatures import TABLES
 
 Which = Literal["2", "3", "all"]
 
@@ -83,7 +83,7 @@ def write_beside(
     Args:
         files: path → contents.
         score_files: what they were made from; none of them may be among ``files``.
-        signatures: see `avs3d_bench.outputs.write_outputs`.
+        signatures: see `avs3d_bench.commands.outputs.write_outputs`.
 
     Returns:
         The paths that were written.

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
-from avs3d_bench.scores import Metric, metrics_of
-from avs3d_bench.taxonomy import SOUND_SCENES
-from avs3d_bench.templates import MISSING
+from avs3d_bench.contract.scores import Metric, metrics_of
+from avs3d_bench.contract.taxonomy import SOUND_SCENES
+from avs3d_bench.text.templates import MISSING
 from evaluators.reporting import paper
 from evaluators.reporting.pages import PART_NOTES, PART_TITLES, clean, figure, interval, number, span
 from evaluators.reporting.table_contents import PaperRow, PaperSection, PaperTable

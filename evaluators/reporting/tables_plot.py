@@ -13,8 +13,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from avs3d_bench.outputs import PNG_METADATA, SVG_METADATA
-from avs3d_bench.scores import BLIND_REFERENCES, Metric
+from avs3d_bench.commands.outputs import PNG_METADATA, SVG_METADATA
+from avs3d_bench.contract.scores import BLIND_REFERENCES, Metric
 from evaluators.reporting import paper
 from evaluators.reporting.pages import PART_NOTES, REFERENCE_TITLES, clean, figure, interval
 from evaluators.reporting.table_contents import PaperRow, PaperSection, PaperTable

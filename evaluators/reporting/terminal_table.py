@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from avs3d_bench.report import screen
-from avs3d_bench.scores import ALL_REFERENCES, METRICS, GroupScores, Metric, Scores
-from evaluators.protocols import unseen_note
+from avs3d_bench.commands.report import screen
+from avs3d_bench.contract.scores import ALL_REFERENCES, METRICS, GroupScores, Metric, Scores
+from evaluators.protocols.official_strict import unseen_note
 from evaluators.reading.archive import printable
 
 if TYPE_CHECKING:

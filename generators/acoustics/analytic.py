@@ -28,10 +28,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 
-from avs3d_bench.decay import eyring
+from avs3d_bench.contract.schema import Scalar
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose
-from avs3d_bench.schema import Scalar
+from avs3d_bench.measures.decay import eyring
 from generators.acoustics import hrtf
 from generators.acoustics.geometry import (
     SPEED_OF_SOUND,

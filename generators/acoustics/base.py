@@ -8,8 +8,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from avs3d_bench.contract.schema import Scalar
 from avs3d_bench.geometry import Pose
-from avs3d_bench.schema import Scalar
 from generators.core.scene import Scene
 
 

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import oaconvolve
 
+from avs3d_bench.contract.layout import BINAURAL_SAMPLES, SAMPLE_RATE, mono_window
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.layout import BINAURAL_SAMPLES, SAMPLE_RATE, mono_window
 from generators.acoustics.geometry import SPEED_OF_SOUND
 
 #: The fixed gain of every clip: keeps a full-scale source from 0.3 m on below full scale (0.76 at worst).

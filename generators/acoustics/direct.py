@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from avs3d_bench.contract.layout import SAMPLE_RATE
 from avs3d_bench.geometry import Pose
-from avs3d_bench.layout import SAMPLE_RATE
 from generators.acoustics.geometry import SPEED_OF_SOUND, acoustic_mesh, blocked
 from generators.core.scene import Scene
 

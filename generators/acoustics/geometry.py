@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from avs3d_bench.decay import SPEED_OF_SOUND as SPEED_OF_SOUND
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.measures.decay import SPEED_OF_SOUND as SPEED_OF_SOUND
 from generators.acoustics.materials import material_for, mean_absorption, triangle_areas
 from generators.core.scene import Part, Room, Scene
 

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.files import read_bytes
+from avs3d_bench.formats.files import read_bytes
 from generators.acoustics.materials import OCTAVE_BANDS, Spectrum, spectral_label
 
 #: Scattering where a material gives none.

@@ -29,10 +29,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from avs3d_bench.contract.schema import Scalar
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose
-from avs3d_bench.imports import needing
-from avs3d_bench.schema import Scalar
+from avs3d_bench.runtime.imports import needing
 from generators.acoustics.geometry import (
     AcousticMesh,
     acoustic_mesh,

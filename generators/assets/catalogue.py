@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from numpy.random import Generator
 
+from avs3d_bench.contract.taxonomy import CATEGORIES, DISTRACTORS, check_category
 from avs3d_bench.errors import UsageError
-from avs3d_bench.taxonomy import CATEGORIES, DISTRACTORS, check_category
 from generators.assets.model import Model, framed
 from generators.assets.objects import (
     clock,

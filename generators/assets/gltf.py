@@ -19,7 +19,7 @@ import numpy as np
 from PIL import Image
 
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.imports import has_package
+from avs3d_bench.runtime.imports import has_package
 
 BASISU = "KHR_texture_basisu"
 KTX2 = "image/ktx2"

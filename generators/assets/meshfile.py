@@ -16,8 +16,8 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from avs3d_bench.contract.taxonomy import check_category
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.taxonomy import check_category
 from generators.assets.acoustic_twin import clustered, component_boxes
 from generators.assets.gltf import check_images, has_basis, without_basis, without_textures
 from generators.assets.meshcheck import check_file

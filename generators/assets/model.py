@@ -21,7 +21,7 @@ class Model:
 
     Attributes:
         name: ``category/variant``, or the file it was loaded from.
-        category: see `avs3d_bench.taxonomy`.
+        category: see `avs3d_bench.contract.taxonomy`.
         mesh: metres, Y up, front towards +Z.
         mount: kind of surface on which it stands or hangs.
         licence: licence of the mesh and its textures.

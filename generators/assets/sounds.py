@@ -15,9 +15,9 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.signal import resample_poly
 
+from avs3d_bench.contract.layout import SAMPLE_RATE
+from avs3d_bench.contract.taxonomy import check_category
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.layout import SAMPLE_RATE
-from avs3d_bench.taxonomy import check_category
 from generators.assets.synthesis.loudness import integrated_loudness, normalised
 from generators.assets.synthesis.voices import speak
 

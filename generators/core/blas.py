@@ -1,7 +1,8 @@
 """Matrix products with the same bytes for any number of threads of the BLAS library.
 
 OpenBLAS divides a product among its threads, and the order in which it adds depends on how many there are. Commands and
-worker processes start with one thread each (`avs3d_bench.one_thread`); a program that calls the package may have more.
+worker processes start with one thread each (`avs3d_bench.runtime.one_thread`); a program that calls the package may
+have more.
 """
 
 from __future__ import annotations

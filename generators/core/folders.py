@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.user_path import user_path
+from avs3d_bench.runtime.user_path import user_path
 
 
 def user_cache() -> Path:

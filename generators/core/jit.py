@@ -21,9 +21,9 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.file_lock import wait_for_lock
-from avs3d_bench.imports import needing
-from avs3d_bench.provenance import source_files
+from avs3d_bench.runtime.file_lock import wait_for_lock
+from avs3d_bench.runtime.imports import needing
+from avs3d_bench.runtime.provenance import source_files
 from generators.core.folders import user_cache
 
 F = TypeVar("F", bound=Callable[..., Any])

@@ -14,7 +14,7 @@ from numpy.lib.stride_tricks import as_strided
 from numpy.typing import ArrayLike, NDArray
 
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.imports import import_by_name, needing
+from avs3d_bench.runtime.imports import import_by_name, needing
 from generators.core.scene import F32, I32, Scene
 
 #: Number of rays per call of Embree; its result arrays (32 bytes a ray) then fit into a core's cache.

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.provenance import provenance
+from avs3d_bench.runtime.provenance import provenance
 from generators.core.rays import TRACERS
 from generators.core.scene import Licence, LightMap, Material, Mesh, Part, Room, Scene, Support, Texture
 

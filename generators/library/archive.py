@@ -12,10 +12,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import IO
 
-from avs3d_bench import files
-from avs3d_bench.archive import Fault, announced, faults, plain_name
-from avs3d_bench.archive import ZipLimits as ZipLimits
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.formats import files
+from avs3d_bench.formats.archive import Fault, announced, faults, plain_name
+from avs3d_bench.formats.archive import ZipLimits as ZipLimits
 
 #: Exceptions of the decoders for a damaged member.
 _DAMAGE = (
@@ -46,7 +46,7 @@ def vetted(archive: zipfile.ZipFile, what: str, limits: ZipLimits = MODEL_LIMITS
     """The file members of an archive whose directory has passed all checks.
 
     Raises:
-        Avs3dError: for any of the faults of `avs3d_bench.archive`; nothing is unpacked then.
+        Avs3dError: for any of the faults of `avs3d_bench.formats.archive`; nothing is unpacked then.
     """
     for fault in faults(archive, limits):
         raise _refusal(what, fault)

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from avs3d_bench.click_options import PATH, Group
+from avs3d_bench.commands.click_options import PATH, Group
+from avs3d_bench.commands.outputs import OUTPUT_FOLDER
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.files import os_error_line
-from avs3d_bench.outputs import OUTPUT_FOLDER
+from avs3d_bench.formats.files import os_error_line
 from generators.library.cli_common import (
     CATEGORY,
     licence_option,
@@ -168,7 +168,7 @@ def _wanted(path: Path, manifest: Path | None, ids: tuple[str, ...]) -> tuple[As
 
     if manifest is not None:
         from generators.library.references import named_assets
-        from generators.manifest import read_manifest
+        from generators.manifest.schema import read_manifest
 
         source = read_manifest(manifest).manifest
         ids = (*named_assets(source.objects, source.sounds), *ids)

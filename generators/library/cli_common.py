@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.shell_completion import CompletionItem
 
-from avs3d_bench.click_options import PATH
+from avs3d_bench.commands.click_options import PATH
+from avs3d_bench.contract.taxonomy import CATEGORIES, DISTRACTORS, check_category_name
 from avs3d_bench.errors import Avs3dError, UsageError, did_you_mean
-from avs3d_bench.files import os_error_line
-from avs3d_bench.taxonomy import CATEGORIES, DISTRACTORS, check_category_name
+from avs3d_bench.formats.files import os_error_line
 
 if TYPE_CHECKING:
     from generators.library.lock import AssetEntry

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from avs3d_bench.click_options import PATH, Group
+from avs3d_bench.commands.click_options import PATH, Group
 from avs3d_bench.errors import Avs3dError
 from generators.library.cli_common import (
     CATEGORY,

@@ -19,9 +19,9 @@ from typing import IO
 
 import requests
 
-from avs3d_bench import files
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.file_lock import open_locked
+from avs3d_bench.formats import files
+from avs3d_bench.runtime.file_lock import open_locked
 from generators.library.http import (
     MEGABYTE,
     CutError,

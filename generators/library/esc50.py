@@ -17,8 +17,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from avs3d_bench import files
 from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.formats import files
 from generators.library.download import Delivered, download
 from generators.library.http import Request
 from generators.library.licences import spdx, terms

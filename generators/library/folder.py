@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote
 
-from avs3d_bench import files
 from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.formats import files
 from generators.library.archive import bundle
 from generators.library.lock import AssetEntry, Kind, slug
 from generators.library.session import Offer, Session, Stance, keep

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avs3d_bench import files
+from avs3d_bench.commands.outputs import Signature, check_replaceable
+from avs3d_bench.contract.taxonomy import CATEGORIES, DISTRACTORS
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.outputs import Signature, check_replaceable
-from avs3d_bench.taxonomy import CATEGORIES, DISTRACTORS
-from avs3d_bench.templates import template_environment
+from avs3d_bench.formats import files
+from avs3d_bench.text.templates import template_environment
 from generators.library.licences import terms
 from generators.library.lock import AssetEntry
 from generators.library.store import Store

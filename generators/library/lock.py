@@ -19,11 +19,11 @@ from typing import Annotated, Any, Literal
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from avs3d_bench import files
+from avs3d_bench.contract.taxonomy import check_category_name
 from avs3d_bench.errors import Avs3dError, excerpt
-from avs3d_bench.file_lock import lock_now
-from avs3d_bench.taxonomy import check_category_name
-from avs3d_bench.yamlfile import parse_yaml, read_data, step
+from avs3d_bench.formats import files
+from avs3d_bench.formats.yamlfile import parse_yaml, read_data, step
+from avs3d_bench.runtime.file_lock import lock_now
 
 LOCK_NAME = "assets.lock.yaml"
 #: Longest wait for another process that writes the lock file (s).
@@ -48,7 +48,7 @@ class AssetEntry(BaseModel):
     Attributes:
         id: ``source/…/name``; its name in manifests and its folder in the store.
         kind: an object (mesh) or a sound.
-        category: its category: one of `avs3d_bench.taxonomy`, or one that manifests add.
+        category: its category: one of `avs3d_bench.contract.taxonomy`, or one that manifests add.
         source: the collection from which it comes.
         ref: the collection's own id.
         url: its web page.

@@ -11,9 +11,9 @@ from typing import Any
 
 import soundfile
 
-from avs3d_bench import files
+from avs3d_bench.contract.taxonomy import check_category_name
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.taxonomy import check_category_name
+from avs3d_bench.formats import files
 from generators.library.download import Delivered
 from generators.library.http import FetchLimits, Say
 from generators.library.licences import check_licence

@@ -6,8 +6,8 @@ import os
 import re
 from pathlib import Path
 
-from avs3d_bench import files
 from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.formats import files
 from generators.library.download import Delivered
 from generators.library.lock import AssetEntry, slug
 from generators.library.session import Offer, Session, Stance, keep

@@ -18,8 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from avs3d_bench import files
 from avs3d_bench.errors import Avs3dError, did_you_mean
+from avs3d_bench.formats import files
 from generators.library.archive import LIBRARY_LIMITS, ZipLimits, bundle, opened, read_member, vetted
 from generators.library.licences import spdx
 

@@ -20,10 +20,10 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from avs3d_bench import files
 from avs3d_bench.errors import Avs3dError, UsageError, did_you_mean
-from avs3d_bench.provenance import provenance
-from avs3d_bench.user_path import user_path
+from avs3d_bench.formats import files
+from avs3d_bench.runtime.provenance import provenance
+from avs3d_bench.runtime.user_path import user_path
 from generators.library.archive import read_zip
 from generators.library.lock import AssetEntry, read_lock
 

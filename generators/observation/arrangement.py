@@ -21,7 +21,7 @@ from generators.assets.model import Model
 from generators.core.freespace import Navigable
 from generators.core.scene import Licence, Scene
 from generators.library import open_asset
-from generators.manifest import ObjectSpec, SoundSpec
+from generators.manifest.schema import ObjectSpec, SoundSpec
 from generators.observation.parts import rules_of
 from generators.paths.motion import Motion, movable, plan_motion
 from generators.paths.trajectory import WalkTask, plan_walk

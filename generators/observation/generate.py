@@ -19,10 +19,10 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import AudibleRecord, FrameRecord, ObservationRecord
+from avs3d_bench.contract.taxonomy import class_ids
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.schema import AudibleRecord, FrameRecord, ObservationRecord
-from avs3d_bench.taxonomy import class_ids
 from generators.acoustics.clips import mono_clip
 from generators.observation.hearing import HeardSource, hear_in_background, hear_sources
 from generators.observation.mixing import make_background, mix, other_backgrounds, stems_of

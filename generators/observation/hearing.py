@@ -15,9 +15,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout
-from avs3d_bench.ahead import continue_in_fork
+from avs3d_bench.contract import layout
 from avs3d_bench.geometry import Pose
+from avs3d_bench.runtime.ahead import continue_in_fork
 from generators.acoustics.base import AcousticBackend, AcousticSession, BatchSession, ReceiverSession
 from generators.acoustics.clips import binaural_clip, moving_clip, receiver_clip
 from generators.acoustics.direct import DirectPath

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout
-from avs3d_bench.schema import BackgroundRecord
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import BackgroundRecord
 from generators.acoustics.background import diffuse_noise, diffuse_seconds
 from generators.acoustics.clips import check_clip
 from generators.observation.prepare import PreparedObservation

@@ -16,13 +16,14 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
-from avs3d_bench import files, layout
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import ObservationRecord
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.schema import ObservationRecord
+from avs3d_bench.formats import files
 
 
 class ObservationOutput(Protocol):
-    """Takes the files of one observation; names are relative to its folder, as in `avs3d_bench.layout`."""
+    """Takes the files of one observation; names are relative to its folder, as in `avs3d_bench.contract.layout`."""
 
     def open(self) -> None:
         """Prepare the temporary place.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from avs3d_bench.taxonomy import SOUND_SCENES
+from avs3d_bench.contract.taxonomy import SOUND_SCENES
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
 from avs3d_bench.geometry import Intrinsics
 from generators.acoustics.base import AcousticBackend
 from generators.backends import acoustic_backend, vision_backend

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from avs3d_bench.layout import SAMPLE_RATE
-from generators.manifest import ROUNDING, SHORTEST_SOUND, BurstsSpec, ProgrammeSpec, TurnSpec
+from avs3d_bench.contract.layout import SAMPLE_RATE
+from generators.manifest.schema import ROUNDING, SHORTEST_SOUND, BurstsSpec, ProgrammeSpec, TurnSpec
 
 Interval = tuple[float, float]
 

@@ -7,10 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout
-from avs3d_bench.decay import reverberation_time
-from avs3d_bench.geometry import Pose, direction_to
-from avs3d_bench.schema import (
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import (
     SCHEMA_VERSION,
     SOUND_SCENES_VERSION,
     AcousticsRecord,
@@ -28,9 +26,12 @@ from avs3d_bench.schema import (
     SourceRecord,
     VisionRecord,
 )
-from avs3d_bench.text import readable
+from avs3d_bench.geometry import Pose, direction_to
+from avs3d_bench.measures.decay import reverberation_time
+from avs3d_bench.text.printable import readable
 from generators.acoustics.base import AcousticBackend
 from generators.acoustics.clips import GAIN, rms
+from generators.acoustics.receivers import Receivers
 from generators.core.scene import Licence
 from generators.library.licences import spdx
 from generators.observation.prepare import PreparedObservation
@@ -39,7 +40,6 @@ from generators.observation.stems import Clip
 from generators.paths.watcher import line_of_sight, point_in_sight
 from generators.placement.placement import Placement
 from generators.plan import ObservationPlan
-from generators.receivers import Receivers
 
 
 def describe_observation(

@@ -14,19 +14,21 @@ from itertools import combinations
 from pathlib import Path, PurePath
 from typing import cast
 
-from avs3d_bench import __version__, files, layout
+from avs3d_bench import __version__
+from avs3d_bench.commands.report import Problem
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import AcousticsRecord, DatasetRecord, ObservationRecord
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.provenance import SOFTWARE
-from avs3d_bench.report import Problem
-from avs3d_bench.schema import AcousticsRecord, DatasetRecord, ObservationRecord
+from avs3d_bench.formats import files
+from avs3d_bench.runtime.provenance import SOFTWARE
+from generators.acoustics.receivers import Receivers, choose_receivers
 from generators.backends import observation_provenance, vision_backend
 from generators.core.folders import default_cache
-from generators.manifest import ManifestFile, read_manifest
+from generators.manifest.schema import ManifestFile, read_manifest
 from generators.observation.generate import generate_observation
 from generators.options import Audio, Extra, GenerateOptions, Vision
 from generators.plan import ObservationPlan, make_plans
-from generators.receivers import Receivers, choose_receivers
 
 #: Fields of observation.json that do not depend on single frames.
 _COMPARED = ("notes", "source_position", "instances", "sound", "sources", "background")

@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from avs3d_bench.contract.schema import Room
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.schema import Room
 from generators.assets.sounds import enough, load_sound, recorded_seconds, stretches, stretches_in, synthesise
 from generators.core.freespace import FreeSpace
 from generators.core.scene import Licence, Scene
 from generators.library import open_asset
-from generators.manifest import SoundSpec
+from generators.manifest.schema import SoundSpec
 from generators.observation.arrangement import Arrangement, draw_instances, file_licence
 from generators.observation.hearing import PRE_ROLL
 from generators.observation.parts import rules_of

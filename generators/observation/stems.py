@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout
-from avs3d_bench.schema import AUDIBLE_LEVEL_DB, AUDIBLE_SNR_DB, AudibleRecord
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import AUDIBLE_LEVEL_DB, AUDIBLE_SNR_DB, AudibleRecord
 
 Clip = NDArray[np.float32]
 

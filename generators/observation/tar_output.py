@@ -6,11 +6,11 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
-from avs3d_bench import files
+from avs3d_bench.contract.schema import ObservationRecord
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.exports import observation_tar
-from avs3d_bench.provenance import provenance
-from avs3d_bench.schema import ObservationRecord
+from avs3d_bench.formats import files
+from avs3d_bench.runtime.provenance import provenance
 from generators.observation.output import hidden_name, remove, shared_files
 
 

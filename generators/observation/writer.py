@@ -10,9 +10,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import colmap, files, layout, media, ply
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import CameraSplits, ObservationRecord
+from avs3d_bench.formats import colmap, files, media, ply
 from avs3d_bench.geometry import Intrinsics, Pose
-from avs3d_bench.schema import CameraSplits, ObservationRecord
 from generators.core.scene import Mesh
 from generators.observation.output import ObservationOutput
 from generators.observation.surface_points import SurfacePoints

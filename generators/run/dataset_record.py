@@ -11,10 +11,9 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from avs3d_bench import __version__, files, layout
-from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.provenance import Provenance
-from avs3d_bench.schema import (
+from avs3d_bench import __version__
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import (
     SCHEMA_VERSION,
     SOUND_SCENES_VERSION,
     AttributionRecord,
@@ -27,10 +26,13 @@ from avs3d_bench.schema import (
     parse_record,
     unique_attributions,
 )
-from avs3d_bench.taxonomy import SOUND_SCENES
+from avs3d_bench.contract.taxonomy import SOUND_SCENES
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.formats import files
+from avs3d_bench.runtime.provenance import Provenance
 from generators.library.licences import conditions
 from generators.library.lock import LOCK_NAME, read_lock
-from generators.manifest import AssetSpec, ManifestFile, ScanSpec
+from generators.manifest.schema import AssetSpec, ManifestFile, ScanSpec
 
 
 def check(source: ManifestFile) -> None:

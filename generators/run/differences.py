@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from avs3d_bench import __version__, layout
+from avs3d_bench import __version__
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import AcousticsRecord, ArrayRecord, DatasetRecord, ObservationRecord
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.schema import AcousticsRecord, ArrayRecord, DatasetRecord, ObservationRecord
-from avs3d_bench.text import readable
+from avs3d_bench.text.printable import readable
+from generators.acoustics.receivers import Receivers
 from generators.backends import observation_provenance
 from generators.plan import ObservationPlan
-from generators.receivers import Receivers
 
 
 def describe_mismatch(plan: ObservationPlan, record: ObservationRecord, read_index: Callable[[], DatasetRecord]) -> str:

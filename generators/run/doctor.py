@@ -6,10 +6,10 @@ import os
 import shutil
 from pathlib import Path
 
-from avs3d_bench.doctor import Check, CheckResult, constant, package_check, run_python
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.imports import has_package
-from avs3d_bench.user_path import user_path
+from avs3d_bench.runtime.doctor import Check, CheckResult, constant, package_check, run_python
+from avs3d_bench.runtime.imports import has_package
+from avs3d_bench.runtime.user_path import user_path
 
 _EXTRA = "pip install 'avs3d-bench[generate]'"
 #: Scans of the paper's benchmark (their ids are published).

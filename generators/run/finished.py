@@ -5,9 +5,9 @@ from __future__ import annotations
 import stat
 from pathlib import Path
 
-from avs3d_bench import files
+from avs3d_bench.contract.schema import ObservationRecord
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.schema import ObservationRecord
+from avs3d_bench.formats import files
 from generators.observation.output import hidden_name, remove
 
 

@@ -13,17 +13,18 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
-from avs3d_bench import files, layout
+from avs3d_bench.commands.outputs import Signature
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import DatasetRecord, ObservationRecord
+from avs3d_bench.contract.taxonomy import PARTS
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports import observation_tar
 from avs3d_bench.exports.observation_index import describe_shard, describe_shards
 from avs3d_bench.exports.shards import SHARDS_JSON, ShardIndex
-from avs3d_bench.outputs import Signature
-from avs3d_bench.parallel import available_cores
-from avs3d_bench.provenance import Provenance
-from avs3d_bench.schema import DatasetRecord, ObservationRecord
-from avs3d_bench.taxonomy import PARTS
-from generators.manifest import Manifest, ManifestFile
+from avs3d_bench.formats import files
+from avs3d_bench.runtime.parallel import available_cores
+from avs3d_bench.runtime.provenance import Provenance
+from generators.manifest.schema import Manifest, ManifestFile
 from generators.observation.output import FolderOutput, ObservationOutput
 from generators.observation.tar_output import TarOutput, tar_plan_digest
 from generators.plan import ObservationPlan
@@ -117,7 +118,7 @@ class DatasetFormat(Protocol):
 
 
 class FolderFormat:
-    """A folder of files for each observation, and dataset.json over all: see `avs3d_bench.layout`."""
+    """A folder of files for each observation, and dataset.json over all: see `avs3d_bench.contract.layout`."""
 
     index = layout.DATASET_JSON
     signature = Signature(keys=("name", "toolkit_version", "observations"), exactly=False)

@@ -10,15 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from avs3d_bench.errors import UsageError, excerpt
-from avs3d_bench.one_thread import ONE_THREAD
-from avs3d_bench.parallel import available_cores
+from avs3d_bench.runtime.one_thread import ONE_THREAD
+from avs3d_bench.runtime.parallel import available_cores
+from avs3d_bench.runtime.user_path import user_path
 from avs3d_bench.scheduling.options import Options as Scheduling
 from avs3d_bench.scheduling.options import scheduler_of
 from avs3d_bench.scheduling.tasks import Listener
-from avs3d_bench.user_path import user_path
 from generators.core.cuda import most_workers
 from generators.core.folders import default_cache
-from generators.manifest import ManifestFile, read_manifest, select
+from generators.manifest.schema import ManifestFile, read_manifest, select
 from generators.options import GenerateOptions, check_path
 from generators.plan import ObservationPlan, make_plans
 from generators.run.progress import reporting

@@ -17,20 +17,20 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-from avs3d_bench import layout
+from avs3d_bench.commands.outputs import Signature, check_replaceable
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import CameraSplits, ObservationRecord
 from avs3d_bench.errors import Avs3dError, UsageError, excerpt
-from avs3d_bench.files import read_json
-from avs3d_bench.outputs import Signature, check_replaceable
-from avs3d_bench.parallel import available_cores
+from avs3d_bench.formats.files import read_json
+from avs3d_bench.runtime.parallel import available_cores
 from avs3d_bench.scheduling.failures import FailureLog
 from avs3d_bench.scheduling.local import LocalScheduler
 from avs3d_bench.scheduling.lock import folder_lock
 from avs3d_bench.scheduling.tasks import Event, Failure, Listener, Policy, Scheduler, Task
-from avs3d_bench.schema import CameraSplits, ObservationRecord
 from generators.backends import observation_provenance
 from generators.core.limits import MOST_CORES
 from generators.homes.cache import check_writable, is_stored
-from generators.manifest import CameraSpec, ManifestFile
+from generators.manifest.schema import CameraSpec, ManifestFile
 from generators.observation.output import sweep
 from generators.plan import ObservationPlan, check_scans
 from generators.run.dataset_record import check

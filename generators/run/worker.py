@@ -11,8 +11,8 @@ from functools import lru_cache, partial
 from pathlib import Path
 
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.imports import missing_extra
-from avs3d_bench.listing import describe_sound
+from avs3d_bench.inspector.listing import describe_sound
+from avs3d_bench.runtime.imports import missing_extra
 from avs3d_bench.scheduling.errors import UnfitError
 from avs3d_bench.scheduling.lock import holder_of
 from avs3d_bench.scheduling.software import check_software

@@ -8,10 +8,10 @@ from typing import Any
 
 import click
 
-from avs3d_bench.click_options import PATH, WORKERS, Group
+from avs3d_bench.commands.click_options import PATH, WORKERS, Group
+from avs3d_bench.commands.outputs import OutputFile
+from avs3d_bench.contract.taxonomy import PARTS
 from avs3d_bench.errors import UsageError, did_you_mean
-from avs3d_bench.outputs import OutputFile
-from avs3d_bench.taxonomy import PARTS
 from generators.core.limits import FRAMES, SIZE
 from generators.sampling.document import SAMPLED
 from generators.sampling.name_option import name_option
@@ -104,8 +104,8 @@ def sample_command(
     """
     from rich.console import Console
 
-    from avs3d_bench import files
-    from generators.manifest import Manifest
+    from avs3d_bench.formats import files
+    from generators.manifest.schema import Manifest
     from generators.sampling.document import manifest_text
     from generators.sampling.excluded import what_they_use
     from generators.sampling.sample import Wanted, sample

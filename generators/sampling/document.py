@@ -6,7 +6,7 @@ from typing import Any
 
 import yaml
 
-from avs3d_bench.outputs import Signature
+from avs3d_bench.commands.outputs import Signature
 
 #: What the manifests of `avs3d manifest sample` and `avs3d sweep` say about themselves in their first line.
 SAMPLED, SWEPT = Signature(start=b"# avs3d manifest sample "), Signature(start=b"# avs3d sweep ")

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from avs3d_bench.contract.taxonomy import CATEGORIES, DISTRACTORS
 from avs3d_bench.errors import UsageError
-from avs3d_bench.taxonomy import CATEGORIES, DISTRACTORS
 from generators.assets.catalogue import training_variants, variants
 from generators.library.lock import LOCK_NAME
-from generators.manifest import Manifest, read_manifest
+from generators.manifest.schema import Manifest, read_manifest
 
 
 @dataclass(frozen=True)

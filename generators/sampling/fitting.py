@@ -7,10 +7,10 @@ from functools import lru_cache
 from pathlib import Path
 
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.parallel import process_each
+from avs3d_bench.runtime.parallel import process_each
 from generators.apartments.apartment import build_apartment
 from generators.core.scene import Scene
-from generators.manifest import Manifest, ManifestFile
+from generators.manifest.schema import Manifest, ManifestFile
 from generators.observation.arrangement import arrange
 from generators.options import GenerateOptions
 from generators.placement.site import Site

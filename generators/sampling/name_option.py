@@ -28,7 +28,7 @@ def _checked(_: click.Context, __: click.Parameter, name: str | None) -> str | N
     """
     if name is None:
         return None
-    from generators.manifest import check_slug
+    from generators.manifest.schema import check_slug
 
     try:
         return check_slug(name)

@@ -17,9 +17,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.random import Generator
 
+from avs3d_bench.contract.layout import observation_key
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.layout import observation_key
-from generators.manifest import Manifest
+from generators.manifest.schema import Manifest
 from generators.sampling.excluded import Excluded
 from generators.sampling.rooms import LOOK_ALIKE_SHARE, LOOK_ALIKES, MOST, MOST_BESIDE
 from generators.sampling.siblings import GROUP, siblings

@@ -8,7 +8,7 @@ from typing import Any
 
 from rich.table import Table
 
-from generators.manifest import Manifest
+from generators.manifest.schema import Manifest
 from generators.sampling.rooms import MOST
 from generators.sampling.sample import SampledGroup
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from avs3d_bench.errors import UsageError, did_you_mean
 from generators.core.limits import MOST_INDEX
-from generators.manifest import (
+from generators.manifest.schema import (
     ABSORPTION_SCALE,
     SNR_DB,
     BackgroundSpec,

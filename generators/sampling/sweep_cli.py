@@ -7,8 +7,8 @@ from pathlib import Path
 
 import click
 
-from avs3d_bench.click_options import HELP, PATH, only_option
-from avs3d_bench.outputs import OutputFile
+from avs3d_bench.commands.click_options import HELP, PATH, only_option
+from avs3d_bench.commands.outputs import OutputFile
 from generators.sampling.document import SWEPT
 from generators.sampling.name_option import name_option
 
@@ -31,9 +31,9 @@ def sweep(manifest: Path, over: tuple[str, ...], output: Path, only: tuple[str, 
     Generate it with avs3d generate, score submissions to it, and draw the scores against a parameter with
     avs3d sweep-curve.
     """
-    from avs3d_bench import files
-    from avs3d_bench.yamlfile import read_yaml
-    from generators.manifest import read_manifest
+    from avs3d_bench.formats import files
+    from avs3d_bench.formats.yamlfile import read_yaml
+    from generators.manifest.schema import read_manifest
     from generators.sampling.document import manifest_text
     from generators.sampling.sweep import check_place, grid_of, parse_axis
     from generators.sampling.sweep import sweep as make

@@ -24,8 +24,8 @@ from pathlib import Path
 from typing import Literal
 from urllib.parse import unquote
 
-from avs3d_bench import files
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.formats import files
 
 Kind = Literal["hm3d", "mp3d", "file"]
 

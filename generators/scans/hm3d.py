@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.files import read_bytes
+from avs3d_bench.formats.files import read_bytes
 from generators.assets.meshfile import open_scene, world_triangles
 from generators.core.scene import I32
 from generators.scans.annotations import AnnotatedObject, Annotations, Region, boxed, spread_over

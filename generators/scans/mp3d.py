@@ -17,7 +17,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.files import read_bytes
+from avs3d_bench.formats.files import read_bytes
 from generators.scans.annotations import AnnotatedObject, Annotations, Region
 
 Array = NDArray[np.float64]

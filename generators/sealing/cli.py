@@ -7,8 +7,8 @@ from typing import Any
 
 import click
 
-from avs3d_bench.click_options import HELP, PATH, WORKERS, only_option
-from avs3d_bench.outputs import OUTPUT_FOLDER
+from avs3d_bench.commands.click_options import HELP, PATH, WORKERS, only_option
+from avs3d_bench.commands.outputs import OUTPUT_FOLDER
 from avs3d_bench.scheduling.options import Options, scheduling_options
 from generators.cli import ExtraOutputs, MakingCommand, choose_tools, making_options, with_option
 
@@ -62,7 +62,7 @@ def seal(
     """
     choose_tools(chosen.pop("habitat_python"))
     from avs3d_bench.errors import UsageError
-    from generators.manifest import read_manifest
+    from generators.manifest.schema import read_manifest
     from generators.options import GenerateOptions
     from generators.sealing.seal import bind_secret
     from generators.sealing.seal import seal as make
@@ -117,9 +117,9 @@ def unseal(
     --only, from the manifest again. Exit status: 0 all as committed to, 1 not (the files are named), 2 usage.
     """
     choose_tools(None)
+    from avs3d_bench.commands.report import SHOWN, printable, shorten
     from avs3d_bench.errors import UsageError
-    from avs3d_bench.report import SHOWN, printable, shorten
-    from avs3d_bench.secret import read_secret
+    from avs3d_bench.sealing.secret import read_secret
     from generators.sealing.unseal import Again
     from generators.sealing.unseal import unseal as check
 

@@ -19,18 +19,19 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import files, layout
+from avs3d_bench.commands.report import Problem
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import CameraSplits, DatasetRecord, ObservationRecord, PosesRecord
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.parallel import available_cores
-from avs3d_bench.report import Problem
-from avs3d_bench.schema import CameraSplits, DatasetRecord, ObservationRecord, PosesRecord
-from avs3d_bench.sealed import COMMITTED, MANIFEST, OPENING_KEY, SealRecord
+from avs3d_bench.formats import files
+from avs3d_bench.runtime.parallel import available_cores
+from avs3d_bench.sealing.seal import COMMITTED, MANIFEST, OPENING_KEY, SealRecord
 from avs3d_bench.validation.catalogue import check_catalogue
 from avs3d_bench.validation.findings import Findings
 from avs3d_bench.validation.masks import Contents, check_masks
 from avs3d_bench.validation.sightings import Labels, Sightings, check_labels, sightings_by_frame
-from generators.manifest import Manifest, ObservationSpec
+from generators.manifest.schema import Manifest, ObservationSpec
 from generators.observation.arrangement import draw_instances
 from generators.observation.surface_points import draw_pixels
 from generators.plan import ObservationPlan

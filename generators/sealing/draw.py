@@ -13,10 +13,10 @@ from collections.abc import Callable, Mapping
 from copy import deepcopy
 from typing import Any
 
+from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.secret import derive
-from avs3d_bench.taxonomy import CATEGORIES
-from generators.manifest import Manifest, ManifestFile
+from avs3d_bench.sealing.secret import derive
+from generators.manifest.schema import Manifest, ManifestFile
 
 #: Bytes of a seed: too many values to try.
 SEED_BYTES = 16

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from avs3d_bench.parallel import process_each
-from generators.manifest import Manifest, ManifestFile
+from avs3d_bench.runtime.parallel import process_each
+from generators.manifest.schema import Manifest, ManifestFile
 from generators.options import GenerateOptions
 from generators.plan import ObservationPlan, make_plans
 from generators.sampling.fitting import fits

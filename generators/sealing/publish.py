@@ -14,11 +14,19 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from avs3d_bench import files, layout
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import (
+    DatasetEntry,
+    DatasetRecord,
+    ObservationRecord,
+    PosesRecord,
+    Scalar,
+    unique_attributions,
+)
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.schema import DatasetEntry, DatasetRecord, ObservationRecord, PosesRecord, Scalar, unique_attributions
-from avs3d_bench.sealed import (
+from avs3d_bench.formats import files
+from avs3d_bench.sealing.seal import (
     COMMITTED,
     MANIFEST,
     OPENING,
@@ -29,8 +37,8 @@ from avs3d_bench.sealed import (
     commitment,
     truth_files,
 )
-from avs3d_bench.secret import CommittedSecret, derive
-from generators.manifest import ManifestFile
+from avs3d_bench.sealing.secret import CommittedSecret, derive
+from generators.manifest.schema import ManifestFile
 from generators.run.dataset_record import licence_of, manifest_attributions
 
 #: Time of every published file and folder: 1980-01-01 00:00:00 UTC, the first that a zip archive can hold (s).

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from avs3d_bench.errors import UsageError
-from avs3d_bench.secret import SECRET_BYTES
+from avs3d_bench.sealing.secret import SECRET_BYTES
 
 #: Fewest bits of a secret.
 FEWEST_BITS = 100

@@ -8,11 +8,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from avs3d_bench import files, layout
+from avs3d_bench.commands.report import Problem, ordered
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import ObservationRecord, ProvenanceRecord
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.report import Problem, ordered
-from avs3d_bench.schema import ObservationRecord, ProvenanceRecord
-from avs3d_bench.sealed import (
+from avs3d_bench.formats import files
+from avs3d_bench.formats.yamlfile import read_yaml
+from avs3d_bench.sealing.seal import (
     COMMITMENT,
     DRAWS,
     MANIFEST,
@@ -28,10 +30,9 @@ from avs3d_bench.sealed import (
     check_truth,
     read_seal,
 )
-from avs3d_bench.secret import SecretCommitment, derive
-from avs3d_bench.yamlfile import read_yaml
+from avs3d_bench.sealing.secret import SecretCommitment, derive
 from generators.backends import observation_provenance
-from generators.manifest import ManifestFile, read_manifest
+from generators.manifest.schema import ManifestFile, read_manifest
 from generators.options import EngineOptions, GenerateOptions
 from generators.plan import ObservationPlan, make_plans
 from generators.run.generation import generate_plans

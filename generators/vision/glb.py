@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.files import atomic_path
+from avs3d_bench.formats.files import atomic_path
 from generators.core.scene import F32, Part, Scene
 from generators.core.tone import decode_table, srgb_encode, tone_curve
 from generators.vision.atlas import bake_atlas
@@ -36,7 +36,7 @@ I64 = NDArray[np.int64]
 _VERTICES, _INDICES, _FLOAT, _UINT = 34962, 34963, 5126, 5125
 _CLAMP, _REPEAT, _LINEAR, _TRILINEAR = 33071, 10497, 9729, 9987
 _JSON, _BINARY = 0x4E4F534A, 0x004E4942
-#: Fast, and hardly larger than the default (avs3d_bench/media.py); the order matters to OpenCV.
+#: Fast, and hardly larger than the default (avs3d_bench/formats/media.py); the order matters to OpenCV.
 _PNG_FLAGS = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
 if hasattr(cv2, "IMWRITE_PNG_FILTER"):
     _PNG_FLAGS += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG]

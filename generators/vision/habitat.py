@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.files import os_error_line
+from avs3d_bench.formats.files import os_error_line
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.assets.modelframe import upright
 from generators.core.freespace import AGENT_RADIUS, CELL, SENSOR_HEIGHT, Navigable

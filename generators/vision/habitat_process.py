@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.user_path import user_path
+from avs3d_bench.runtime.user_path import user_path
 from generators.vision import habitat_worker
 from generators.vision.habitat_worker import PROTOCOL, Channel
 

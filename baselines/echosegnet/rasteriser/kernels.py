@@ -13,8 +13,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from avs3d_bench.file_lock import wait_for_lock
-from avs3d_bench.parallel import available_cores
+from avs3d_bench.runtime.file_lock import wait_for_lock
+from avs3d_bench.runtime.parallel import available_cores
 from avs3d_bench.scheduling.errors import UnfitError
 
 #: Compilers at a time: each takes 1 to 2 GiB.

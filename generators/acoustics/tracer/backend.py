@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench import __version__
+from avs3d_bench.contract.schema import Scalar
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.schema import Scalar
 from generators.acoustics.geometry import SPEED_OF_SOUND, AcousticMesh, checked_scale
 from generators.acoustics.materials import RESIDUAL
 from generators.acoustics.tracer import air, transmission

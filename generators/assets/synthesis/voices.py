@@ -17,7 +17,7 @@ import numpy as np
 from numpy.random import Generator
 from scipy.signal import fftconvolve
 
-from avs3d_bench.layout import SAMPLE_RATE
+from avs3d_bench.contract.layout import SAMPLE_RATE
 from generators.assets.synthesis.signals import (
     Array,
     add_at,

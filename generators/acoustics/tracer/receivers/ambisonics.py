@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from avs3d_bench.contract.schema import AmbisonicsRecord, Scalar
 from avs3d_bench.errors import UsageError
-from avs3d_bench.schema import AmbisonicsRecord, Scalar
 from generators.acoustics.tracer.arrivals import BANDS, Arrivals
 from generators.acoustics.tracer.receivers.synthesis import (
     ReceiverPort,

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench.schema import Scalar
+from avs3d_bench.contract.schema import Scalar
 from generators.acoustics.tracer.arrivals import Arrivals
 
 

@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.signal import CZT
 
+from avs3d_bench.contract.schema import Scalar
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.schema import Scalar
-from avs3d_bench.text import readable
+from avs3d_bench.text.printable import readable
 from generators.acoustics import hrtf
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.tracer.arrivals import Arrivals

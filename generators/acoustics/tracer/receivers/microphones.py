@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError, model_validator
 
-from avs3d_bench import layout
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import ArrayRecord, MicrophoneRecord, Record, Scalar, describe
 from avs3d_bench.errors import Avs3dError, excerpt
-from avs3d_bench.schema import ArrayRecord, MicrophoneRecord, Record, Scalar, describe
-from avs3d_bench.yamlfile import YamlLimits, read_yaml
+from avs3d_bench.formats.yamlfile import YamlLimits, read_yaml
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.tracer.arrivals import BANDS, Arrivals
 from generators.acoustics.tracer.receivers.synthesis import (

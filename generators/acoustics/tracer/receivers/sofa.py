@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.files import open_regular, sha256_file
-from avs3d_bench.imports import needing
-from avs3d_bench.text import readable
+from avs3d_bench.formats.files import open_regular, sha256_file
+from avs3d_bench.runtime.imports import needing
+from avs3d_bench.text.printable import readable
 
 F64 = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench.schema import Scalar
+from avs3d_bench.contract.schema import Scalar
 from generators.acoustics import hrtf
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.tracer.arrivals import Arrivals

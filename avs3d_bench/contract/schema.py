@@ -1,0 +1,916 @@
+"""The records behind every JSON file of the contract (pydantic v2, frozen, unknown keys refused, numbers finite).
+
+| file                 | record              |
+|----------------------|---------------------|
+| `dataset.json`       | `DatasetRecord`     |
+| `observation.json`   | `ObservationRecord` |
+| `camera_splits.json` | `CameraSplits`      |
+| `submission.json`    | `SubmissionRecord`  |
+| `poses.json`         | `PosesRecord`       |
+
+Units: metres, seconds, degrees, pixels. World: right-handed, Y up; quaternions are (w, x, y, z), camera-to-world for
+frames and object-to-world for instances. avs3d_bench/contract/scores.py has the record of a file of scores,
+avs3d_bench/exports/schema_files.py writes the JSON Schema of each file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal, Self, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from avs3d_bench import __version__
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.taxonomy import CATEGORIES, CATEGORY_PATTERN, DISTRACTORS, SOUND_SCENES, class_ids
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.geometry import Intrinsics, Pose
+from avs3d_bench.text.printable import printable
+
+if TYPE_CHECKING:
+    from avs3d_bench.runtime.provenance import Provenance
+
+#: Versions of the file formats: 1.1 adds part_3 and categories of one's own; files without either are still 1.0.
+SCHEMA_VERSION: Final = "1.0"
+SOUND_SCENES_VERSION: Final = "1.1"
+
+Part = Literal["part_1", "part_2", "part_3"]
+Room = Literal["bathroom", "kitchen", "living_room"]
+#: A category of the taxonomy, or one that the manifest adds (`ObservationRecord.categories`); of an instance, also one
+#: that is always silent.
+Category = Annotated[str, Field(pattern=CATEGORY_PATTERN)]
+SourceId = Annotated[str, Field(pattern=r"^source_[1-9][0-9]*$")]
+Scalar = bool | int | float | str | None
+Text = Annotated[str, Field(min_length=1)]
+Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+Scan = Annotated[str, Field(pattern=layout.SCAN_PATTERN)]
+FrameName = Annotated[str, Field(pattern=layout.FRAME_PATTERN)]
+Vector3 = tuple[float, float, float]
+NonNegative = Annotated[float, Field(ge=0)]
+Positive = Annotated[float, Field(gt=0)]
+
+
+def _unit(q: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    norm = math.sqrt(sum(c * c for c in q))
+    if abs(norm - 1.0) > 1e-4:
+        raise ValueError(f"norm {norm:.6f}, expected a unit quaternion (w, x, y, z)")
+    return q
+
+
+def _relative(path: str) -> str:
+    if not path or path.startswith("/") or "\\" in path or any(p in ("", ".", "..") for p in path.split("/")):
+        raise ValueError(f"{path!r} is not a relative path with forward slashes")
+    if any(ord(character) < ord(" ") for character in path):
+        raise ValueError(f"{path!r} holds a control character; expected a relative path")
+    return path
+
+
+Quaternion = Annotated[tuple[float, float, float, float], AfterValidator(_unit)]
+RelativePath = Annotated[str, AfterValidator(_relative)]
+
+
+class Record(BaseModel):
+    """Base of all records.
+
+    Fields named in ``left_out`` are not written if they are None, so that files of older versions keep their bytes.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    left_out: ClassVar[frozenset[str]] = frozenset()
+
+    def omitted(self) -> frozenset[str]:
+        """The fields that are not written if they are None."""
+        return self.left_out
+
+
+class LicenceRecord(Record):
+    """Licence, author and source of an asset."""
+
+    name: Text = Field(description="licence: SPDX identifier if there is one")
+    author: Text
+    source: Text = Field(description="URL, collection and id, or 'procedural'")
+
+
+class AttributionRecord(LicenceRecord):
+    """One asset in the dataset, with its licence."""
+
+    asset: Text
+
+
+class ProvenanceRecord(Record):
+    """The software that made a file; see `avs3d_bench.runtime.provenance`."""
+
+    digest: Sha256 = Field(description="digest of the sources, libraries and Python on which the result depends")
+    toolkit_version: Text
+    python: Text = Field(description="minor version, e.g. 3.11")
+    libraries: dict[str, Text] = Field(
+        default_factory=dict, description="distribution → version; 'none' if not installed"
+    )
+
+    @classmethod
+    def of(cls, software: Provenance) -> Self:
+        """The record of what `avs3d_bench.runtime.provenance.provenance` found."""
+        return cls(
+            digest=software.digest,
+            toolkit_version=__version__,
+            python=software.python,
+            libraries=dict(software.libraries),
+        )
+
+
+class IntrinsicsRecord(Record):
+    """Pinhole camera without distortion, in pixels; the centre of pixel (u, v) is at (u + 0.5, v + 0.5)."""
+
+    width: Annotated[int, Field(gt=0)]
+    height: Annotated[int, Field(gt=0)]
+    fx: Positive
+    fy: Positive
+    cx: float
+    cy: float
+
+    @classmethod
+    def of(cls, camera: Intrinsics) -> Self:
+        """The record of a camera."""
+        return cls(width=camera.width, height=camera.height, fx=camera.fx, fy=camera.fy, cx=camera.cx, cy=camera.cy)
+
+    @property
+    def camera(self) -> Intrinsics:
+        """The camera that projects."""
+        return Intrinsics(self.width, self.height, self.fx, self.fy, self.cx, self.cy)
+
+
+class InstanceRecord(Record):
+    """One placed object. Its id is its pixel value in `instance_masks/`, where 0 is the home.
+
+    For a moving object, ``position``, ``rotation`` and ``bounds`` are those at the first frame.
+    """
+
+    id: Annotated[int, Field(ge=1, le=65535)]
+    category: Category
+    sounding: bool
+    position: Vector3 = Field(description="origin of the model in the world, metres")
+    rotation: Quaternion = Field(description="model-to-world (w, x, y, z)")
+    bounds: tuple[Vector3, Vector3] = Field(description="lowest and highest corner in the world, metres")
+    asset: Text = Field(description="name of the model, e.g. 'procedural:clock/round'")
+    licence: LicenceRecord
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if any(low > high for low, high in zip(*self.bounds, strict=True)):
+            raise ValueError(f"bounds {self.bounds}: the lowest corner comes first")
+        return self
+
+
+class SoundRecord(Record):
+    """The recording or synthesis that the sounding instance plays."""
+
+    asset: Text
+    licence: LicenceRecord
+
+
+class SourceRecord(Record):
+    """One source of sound of an observation of part_3.
+
+    ``programme`` lists the intervals in which it sounds, in seconds from the first frame. A source that always sounds
+    has sounded before the first frame as well: its only interval starts at a negative time, the beginning of what is
+    simulated.
+    """
+
+    id: SourceId
+    instance: Annotated[int, Field(ge=1, le=65535)] | None = Field(
+        description="id of the instance that sounds, as in instance_masks; null if the source is off-screen"
+    )
+    category: Category
+    room: Room = Field(description="room of the source; another one than the observation's if it is off-screen")
+    position: Vector3 = Field(description="position of the source in the world, metres")
+    programme: tuple[tuple[float, float], ...] = Field(
+        description="[start, end) in seconds, increasing, without overlaps; empty if the frames end before it sounds"
+    )
+    gain_db: float = Field(description="level re the common loudness of all sources, dB")
+    asset: Text = Field(description="the recording or synthesis that it plays")
+    licence: LicenceRecord
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        last = -math.inf
+        for start, end in self.programme:
+            if not last <= start < end:
+                raise ValueError(f"{self.id}: programme {self.programme}: expected increasing intervals, none empty")
+            last = end
+        return self
+
+
+class BackgroundRecord(Record):
+    """Diffuse sound without a source."""
+
+    kind: Literal["room_tone", "noise"]
+    snr_db: float = Field(description="mean level of all sources above the background, dB")
+    level_db: float = Field(description="RMS of the background over both ears and all frames, dB re full scale")
+
+
+class AudibleRecord(Record):
+    """One audible source in one frame, from its own clip (stem): everything it is heard with, reverberation included.
+
+    Levels are RMS over both ears and the second of the clip, in dB re full scale.
+    """
+
+    source: SourceId
+    level_db: float = Field(description="level of the stem")
+    drr_db: float | None = Field(
+        description="direct sound over reverberation of the stem; null where no direct sound arrives"
+    )
+    snr_db: float | None = Field(description="level above the rest of the clip; null if the rest is silent")
+
+
+#: A source is audible if its stem is at least this loud (dB re full scale) …
+AUDIBLE_LEVEL_DB = -60.0
+#: … and at most this far below the rest of the clip (dB).
+AUDIBLE_SNR_DB = -20.0
+#: What is simulated begins this long before the first frame (s): no programme begins earlier.
+EARLIEST_START = -2.0
+
+
+class HrtfRecord(LicenceRecord):
+    """The measured head that heard the binaural clips, from a SOFA file.
+
+    The licence is the file's own (its global attribute License), by its SPDX identifier if that is clear.
+    """
+
+    asset: Text = Field(description="'hrtf:' and the name that the file had; sha256 tells it from others")
+    title: Text = Field(description="title, database and subject in the file")
+    sha256: Sha256 = Field(description="of the file")
+
+    @property
+    def attribution(self) -> AttributionRecord:
+        """Its entry in dataset.json."""
+        return AttributionRecord(asset=self.asset, name=self.name, author=self.author, source=self.source)
+
+
+class AmbisonicsRecord(Record):
+    """The channels of ``audio_clips_ambisonics/``.
+
+    Coincident at the centre of the head; axes of the head: x forward, y left, z up.
+    """
+
+    order: Annotated[int, Field(ge=1, le=3)]
+    channel_order: Literal["ACN"] = "ACN"
+    normalisation: Literal["SN3D"] = "SN3D"
+
+    @property
+    def channels(self) -> int:
+        """(order + 1)²."""
+        return (self.order + 1) ** 2
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        """W, Y, Z, X, … (letters after Gerzon and Malham)."""
+        return tuple("WYZXVTRSUQOMKLNP"[: self.channels])
+
+
+class MicrophoneRecord(Record):
+    """One omnidirectional microphone of an array."""
+
+    name: Annotated[str, Field(min_length=1, max_length=60)]
+    position: Vector3 = Field(description="metres from the centre of the head, in its frame: x right, y up, −z ahead")
+
+
+class ArrayRecord(Record):
+    """The channels of ``audio_clips_array/``: microphones that move with the listener, without a head."""
+
+    microphones: Annotated[tuple[MicrophoneRecord, ...], Field(min_length=1, max_length=layout.MOST_CHANNELS)]
+
+    @property
+    def channels(self) -> int:
+        """Number of microphones."""
+        return len(self.microphones)
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        """The names of the microphones."""
+        return tuple(microphone.name for microphone in self.microphones)
+
+
+class AcousticsRecord(Record):
+    """The acoustic simulation that made the clips.
+
+    ``hrtf``, ``ambisonics`` and ``array`` are absent where the engine's own head heard the sound, and nothing else did.
+    """
+
+    left_out: ClassVar[frozenset[str]] = frozenset({"hrtf", "ambisonics", "array"})
+
+    backend: Text
+    version: Text
+    sample_rate: Annotated[int, Field(gt=0)]
+    gain: Positive = Field(description="factor applied to all clips of the observation")
+    settings: dict[str, Scalar] = Field(
+        default_factory=dict, description="settings of the backend: number of rays, depth, …"
+    )
+    t30: Positive | None = Field(default=None, description="reverberation time of the room, seconds (ISO 3382-2)")
+    notes: str = ""
+    hrtf: HrtfRecord | None = Field(default=None, description="the measured head, if a SOFA file was given")
+    ambisonics: AmbisonicsRecord | None = Field(default=None, description="of audio_clips_ambisonics/, if it is there")
+    array: ArrayRecord | None = Field(default=None, description="of audio_clips_array/, if it is there")
+
+    @property
+    def receivers(self) -> dict[str, AmbisonicsRecord | ArrayRecord]:
+        """The receivers beside the two ears: name (`layout.RECEIVERS`) → channels."""
+        named = {layout.AMBISONICS: self.ambisonics, layout.ARRAY: self.array}
+        return {name: found for name, found in named.items() if found is not None}
+
+
+class VisionRecord(Record):
+    """The renderer of the pictures."""
+
+    backend: Text
+    version: Text
+
+
+class DeviceRecord(Record):
+    """The device that baked the light and, if the acoustic engine can choose, traced the sound."""
+
+    name: Literal["cuda"]
+    version: Text = Field(description="of the software that drives it, with the kind of device; the bytes depend on it")
+
+
+class FrameRecord(Record):
+    """One frame: the pose of the agent's sensor, and the visibility and direction of the source.
+
+    If the sounding object moves, ``source_position``, ``instance_position`` and ``instance_rotation`` are its position
+    and rotation at ``time``; otherwise all three are absent, and those of the observation are valid for every frame.
+
+    In part_3, ``audible`` lists the audible sources; ``azimuth``, ``elevation``, ``distance`` and ``line_of_sight`` are
+    those of the first source of the observation, and null where it has none.
+    """
+
+    moving: ClassVar[frozenset[str]] = frozenset({"source_position", "instance_position", "instance_rotation"})
+    left_out: ClassVar[frozenset[str]] = moving | {"audible"}
+
+    name: FrameName
+    time: NonNegative = Field(description="seconds from the start; the clip covers [time, time + 1)")
+    position: Vector3 = Field(description="position of the sensor in the world, metres")
+    rotation: Quaternion = Field(description="camera-to-world (w, x, y, z); the camera looks down −Z")
+    visible_pixels: Annotated[int, Field(ge=0)] = Field(description="pixels that the mask of this frame marks")
+    azimuth: Annotated[float, Field(ge=-180, le=180)] | None = Field(
+        description="azimuth of the source, degrees; 0 ahead, positive to the right"
+    )
+    elevation: Annotated[float, Field(ge=-90, le=90)] | None = Field(
+        description="elevation of the source, degrees; positive up"
+    )
+    distance: NonNegative | None = Field(description="distance to the source, metres")
+    line_of_sight: bool | None = Field(description="whether nothing is between sensor and source")
+    rms_left: NonNegative
+    rms_right: NonNegative
+    source_position: Vector3 | None = Field(
+        default=None, description="position of the source at this time in the world, metres; only if it moves"
+    )
+    instance_position: Vector3 | None = Field(
+        default=None, description="origin of the sounding instance at this time in the world, metres; only if it moves"
+    )
+    instance_rotation: Quaternion | None = Field(
+        default=None, description="model-to-world (w, x, y, z) of the sounding instance at this time; only if it moves"
+    )
+    audible: tuple[AudibleRecord, ...] | None = Field(
+        default=None, description="the audible sources in the order of their ids; only in part_3"
+    )
+
+    _of_first_source: ClassVar[tuple[str, ...]] = ("azimuth", "elevation", "distance", "line_of_sight")
+
+    @property
+    def pose(self) -> Pose:
+        """The sensor's camera-to-world pose."""
+        return Pose(self.position, self.rotation)
+
+    @property
+    def instance_pose(self) -> Pose | None:
+        """The sounding instance's model-to-world pose at this time; None if it does not move."""
+        if self.instance_position is None or self.instance_rotation is None:
+            return None
+        return Pose(self.instance_position, self.instance_rotation)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        moving = [getattr(self, name) is not None for name in sorted(self.moving)]
+        if any(moving) and not all(moving):
+            raise ValueError(f"{', '.join(sorted(self.moving))} belong together: expected all three or none")
+        first = [getattr(self, name) is not None for name in self._of_first_source]
+        if any(first) and not all(first):
+            raise ValueError(f"{', '.join(self._of_first_source)} belong together: expected all or none of them")
+        return self
+
+
+class ObservationRecord(Record):
+    """`observation.json`: one observation with all its frames and files."""
+
+    sound_scene_fields: ClassVar[tuple[str, ...]] = ("sources", "background", "group")
+    left_out: ClassVar[frozenset[str]] = frozenset(
+        {"variant_of", "source_motion", "sizes", "categories", "device", *sound_scene_fields}
+    )
+
+    schema_version: Literal["1.0", "1.1"] = Field(
+        default="1.0", description="1.1 in part_3 and with categories of the manifest's own, else 1.0"
+    )
+    key: Text
+    part: Part
+    scan: Scan
+    room: Room
+    index: Annotated[int, Field(ge=1)]
+    categories: tuple[Category, ...] | None = Field(
+        default=None,
+        description="categories that the manifest adds, in the order of their class ids, which follow the seven of "
+        "the paper; absent if there are none",
+    )
+    category: Category | None = Field(
+        description="category of the sounding instance; in part_3 that of the first source, null if there is none"
+    )
+    seed: Annotated[int, Field(ge=0)]
+    plan_sha256: Sha256 | None = Field(
+        default=None,
+        description="sha256 of all that these bytes depend on; a rerun keeps the observation if it is equal",
+    )
+    notes: tuple[str, ...] = Field(default=(), description="constraints that were relaxed, e.g. twins closer than 1 m")
+    variant_of: Text | None = Field(
+        default=None,
+        description="key of the observation from which this one differs only in its acoustics, in part_3 also in "
+        "its background",
+    )
+    source_motion: Literal["path"] | None = Field(
+        default=None, description="path: the sounding object moves (see frames); absent if it does not move"
+    )
+    source_position: Vector3 | None = Field(
+        description="position of the source in the world, metres; if it moves, at the first frame; in part_3 that of "
+        "the first source, null if there is none"
+    )
+    sources: tuple[SourceRecord, ...] | None = Field(default=None, description="the sources; only in part_3")
+    background: BackgroundRecord | None = Field(default=None, description="only in part_3; null if there is none")
+    group: Text | None = Field(
+        default=None,
+        description="only in part_3: key of the observation whose pictures this one has; its own if it is the first",
+    )
+    intrinsics: IntrinsicsRecord
+    instances: Annotated[tuple[InstanceRecord, ...], Field(min_length=1)]
+    sound: SoundRecord | None = None
+    acoustics: AcousticsRecord
+    vision: VisionRecord
+    device: DeviceRecord | None = Field(
+        default=None, description="what baked the light and traced the sound; absent: the CPU"
+    )
+    frames: Annotated[tuple[FrameRecord, ...], Field(min_length=1, max_length=layout.MAX_FRAMES)]
+    files: dict[RelativePath, Sha256] = Field(description="sha256 of every file beside observation.json")
+    sizes: dict[RelativePath, Annotated[int, Field(ge=0)]] | None = Field(
+        default=None, description="size in bytes of every file in `files`; absent in datasets of older versions"
+    )
+
+    def omitted(self) -> frozenset[str]:
+        """The fields that are not written if they are None; a sound scene says that it has no background."""
+        return self.left_out - {"background"} if self.is_sound_scene else self.left_out
+
+    @property
+    def made_with(self) -> tuple[tuple[str, str], ...]:
+        """(name, version) of renderer, acoustic engine and any device; dataset.json has them in ``backends``."""
+        engines = ((self.vision.backend, self.vision.version), (self.acoustics.backend, self.acoustics.version))
+        return (*engines, (f"device {self.device.name}", self.device.version)) if self.device else engines
+
+    @property
+    def is_sound_scene(self) -> bool:
+        """Whether this is an observation of part_3."""
+        return self.part == SOUND_SCENES
+
+    @property
+    def sounding(self) -> InstanceRecord:
+        """The instance that sounds, of an observation in which exactly one does.
+
+        Raises:
+            Avs3dError: if none or several do, as in part_3 (see `sounding_instances`).
+        """
+        found = self.sounding_instances
+        if len(found) != 1:
+            raise Avs3dError(f"{self.key}: {len(found)} instances sound; expected exactly one")
+        return found[0]
+
+    @property
+    def sounding_instances(self) -> tuple[InstanceRecord, ...]:
+        """The instances that sound at some time, in the order of the file."""
+        return tuple(instance for instance in self.instances if instance.sounding)
+
+    @property
+    def class_ids(self) -> dict[str, int]:
+        """Category → its value in category_masks; see `avs3d_bench.contract.taxonomy.class_ids`."""
+        return class_ids(self.categories or ())
+
+    @property
+    def sound_sources(self) -> tuple[SourceRecord, ...]:
+        """The sources of an observation of any part; in part_1 and part_2 one that sounds all the time.
+
+        Its position is that at the first frame, if it moves (see `source_at`).
+        """
+        return (self._only_source,) if self.sources is None else self.sources
+
+    @property
+    def _only_source(self) -> SourceRecord:
+        """What part_1 and part_2 say of their source in other fields, as part_3 would say it."""
+        instance, sound = self.sounding, self.sound
+        return SourceRecord(
+            id="source_1",
+            instance=instance.id,
+            category=instance.category,
+            room=self.room,
+            position=instance.position if self.source_position is None else self.source_position,
+            programme=((EARLIEST_START, len(self.frames) / layout.FRAME_RATE),),
+            gain_db=0.0,
+            asset=sound.asset if sound else "not recorded",
+            licence=sound.licence if sound else instance.licence,
+        )
+
+    @property
+    def first_instance(self) -> InstanceRecord | None:
+        """The instance of the first source, whose direction the frames have; None if there is none in the room."""
+        numbers = {source.instance for source in self.sound_sources[:1]}
+        return next((instance for instance in self.instances if instance.id in numbers), None)
+
+    def source(self, name: str) -> SourceRecord:
+        """The source of that id.
+
+        Raises:
+            Avs3dError: if there is none.
+        """
+        for source in self.sound_sources:
+            if source.id == name:
+                return source
+        raise Avs3dError(f"{self.key}: no source {name!r}; it has {len(self.sound_sources)}")
+
+    def audible_sources(self, frame: FrameRecord) -> tuple[SourceRecord, ...]:
+        """The sources that are audible in ``frame``; in part_1 and part_2 the one source, in every frame."""
+        if frame.audible is None:
+            return self.sound_sources
+        return tuple(self.source(entry.source) for entry in frame.audible)
+
+    def audible_instances(self, frame: FrameRecord) -> tuple[int, ...]:
+        """Ids of the instances that are audible in ``frame``, sorted; the mask marks their visible pixels."""
+        heard = (source.instance for source in self.audible_sources(frame))
+        return tuple(sorted({number for number in heard if number is not None}))
+
+    @property
+    def moves(self) -> bool:
+        """Whether the sounding object moves."""
+        return self.source_motion is not None
+
+    def source_at(self, frame: FrameRecord) -> Vector3:
+        """Position of the source in the world at the time of ``frame``, metres; in part_3 of the first source.
+
+        Raises:
+            Avs3dError: if there is no source.
+        """
+        position = frame.source_position or self.source_position
+        if position is None:
+            raise Avs3dError(f"{self.key}: there is no source, so that it has no position")
+        return position
+
+    def to_frame(self, frame: FrameRecord, points: ArrayLike) -> NDArray[np.float64]:
+        """Points (N, 3) of the sounding instance at the first frame, as in `gt_3d`, moved to the time of ``frame``."""
+        first, now = Pose(self.sounding.position, self.sounding.rotation), frame.instance_pose
+        if now is None:
+            return np.asarray(points, dtype=np.float64)
+        local = first.to_camera(points)
+        return now.to_world(local)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        place = layout.ObservationKey(self.part, self.scan, self.room, self.index)
+        if self.key != str(place):
+            raise ValueError(f"key {self.key!r} does not fit part, scan, room and index: expected {place}")
+        ids = [instance.id for instance in self.instances]
+        if len(set(ids)) != len(ids):
+            raise ValueError(f"instance ids {ids} are not unique")
+        self._check_categories()
+        if self.is_sound_scene:
+            self._check_sound_scene()
+        else:
+            self._check_one_source()
+        for position, frame in enumerate(self.frames):
+            if frame.name != layout.frame_name(position):
+                raise ValueError(f"frames[{position}].name is {frame.name}, expected {layout.frame_name(position)}")
+        if any(a.time >= b.time for a, b in zip(self.frames, self.frames[1:], strict=False)):
+            raise ValueError("frame times do not increase")
+        if self.sizes is not None and self.sizes.keys() != self.files.keys():
+            raise ValueError("sizes and files do not name the same files")
+        for frame in self.frames:
+            if (frame.source_position is not None) != self.moves:
+                found = "missing, but source_motion is path" if self.moves else "given, but source_motion is not"
+                raise ValueError(f"{frame.name}: source_position is {found}")
+        return self
+
+    def _check_categories(self) -> None:
+        own = self.categories or ()
+        sound, silent = {*CATEGORIES, *own}, {*CATEGORIES, *own, *DISTRACTORS}
+        if len(sound) != len(CATEGORIES) + len(own) or not {*own}.isdisjoint(DISTRACTORS):
+            raise ValueError(f"categories {own}: expected new names, each once")
+        unknown = {instance.category for instance in self.instances} - silent
+        unknown |= {source.category for source in self.sources or ()} - sound
+        unknown |= set() if self.category is None else {self.category} - sound
+        if unknown:
+            raise ValueError(f"unknown category {min(unknown)!r}; expected one of {', '.join(sorted(silent))}")
+        version = SOUND_SCENES_VERSION if self.is_sound_scene or own else SCHEMA_VERSION
+        if self.schema_version != version:
+            raise ValueError(f"schema_version is {self.schema_version}, expected {version}")
+
+    def _check_one_source(self) -> None:
+        """Check the rules of part_1 and part_2: one source, an instance of the room, that sounds all the time."""
+        given = [name for name in self.sound_scene_fields if getattr(self, name) is not None]
+        if given:
+            raise ValueError(f"{given[0]} belongs to part_3, but part is {self.part}")
+        if self.category is None or self.source_position is None:
+            raise ValueError(f"category and source_position are missing; {self.part} has one source")
+        sounding = self.sounding_instances
+        if len(sounding) != 1:
+            raise ValueError(f"{len(sounding)} instances are sounding, expected exactly one")
+        if sounding[0].category != self.category:
+            raise ValueError(f"the sounding instance is a {sounding[0].category}, but category is {self.category}")
+        twins = sum(instance.category == self.category for instance in self.instances)
+        if (twins == 1) != (self.part == "part_1"):
+            expected = "exactly one (single-instance)" if self.part == "part_1" else "several (multi-instance)"
+            raise ValueError(f"{twins} instances of {self.category} in {self.part}, expected {expected}")
+        for frame in self.frames:
+            if frame.azimuth is None or frame.audible is not None:
+                raise ValueError(f"{frame.name}: expected azimuth, elevation, distance and line_of_sight, no audible")
+
+    def _check_sound_scene(self) -> None:
+        """Check the rules of part_3."""
+        if self.sources is None or self.group is None:
+            raise ValueError("sources or group is missing; an observation of part_3 has both")
+        names = [source.id for source in self.sources]
+        if names != [f"source_{number}" for number in range(1, len(names) + 1)]:
+            raise ValueError(f"ids of the sources are {names}, expected source_1, source_2, …")
+        place = layout.parse_key(self.group)
+        if (place.part, place.scan, place.room) != (self.part, self.scan, self.room):
+            raise ValueError(f"group {self.group} is not in the same part, scan and room")
+        if self.variant_of is not None and self.variant_of.rpartition("/")[0] != self.key.rpartition("/")[0]:
+            raise ValueError(f"variant_of {self.variant_of} is not in the same part, scan and room")
+        first = self.sources[0] if self.sources else None
+        if self.category != (first and first.category) or self.source_position != (first and first.position):
+            raise ValueError("category and source_position are not those of the first source")
+        if self.moves or self.sound is not None:
+            raise ValueError("source_motion and sound belong to part_1 and part_2")
+        known = {instance.id: instance.category for instance in self.instances}
+        for source in self.sources:
+            if source.instance is None:
+                if source.room == self.room:
+                    raise ValueError(f"{source.id} is off-screen, but in the observation's own room {self.room}")
+            elif known.get(source.instance) != source.category or source.room != self.room:
+                raise ValueError(
+                    f"{source.id}: instance {source.instance} is no {source.category} of the {self.room}; "
+                    f"instances: {known}"
+                )
+        heard = {source.instance for source in self.sources}
+        for instance in self.instances:
+            if instance.sounding != (instance.id in heard):
+                raise ValueError(f"instance {instance.id}: sounding is {instance.sounding}, but sources say otherwise")
+        for frame in self.frames:
+            if frame.audible is None or (frame.azimuth is None) != (first is None):
+                raise ValueError(
+                    f"{frame.name}: expected audible, and the direction of the first source if there is one"
+                )
+            order = [entry.source for entry in frame.audible]
+            if order != [name for name in names if name in order]:
+                raise ValueError(f"{frame.name}: audible names {order}; expected some of {names}, in this order")
+
+
+class PoseRecord(Record):
+    """One frame of a sealed test: its time and the pose of the agent's sensor."""
+
+    name: FrameName
+    time: NonNegative = Field(description="seconds from the start; the clip covers [time, time + 1)")
+    position: Vector3 = Field(description="position of the sensor in the world, metres")
+    rotation: Quaternion = Field(description="camera-to-world (w, x, y, z); the camera looks down −Z")
+
+    @property
+    def pose(self) -> Pose:
+        """The sensor's camera-to-world pose."""
+        return Pose(self.position, self.rotation)
+
+
+class PosesRecord(Record):
+    """`poses.json`: what a sealed test publishes of an observation in place of `observation.json`.
+
+    It has nothing that depends on what sounds.
+    """
+
+    left_out: ClassVar[frozenset[str]] = frozenset({"ambisonics", "array"})
+
+    schema_version: Literal["1.0"] = "1.0"
+    key: Text
+    intrinsics: IntrinsicsRecord
+    frames: Annotated[tuple[PoseRecord, ...], Field(min_length=1, max_length=layout.MAX_FRAMES)]
+    ambisonics: AmbisonicsRecord | None = Field(default=None, description="of audio_clips_ambisonics/, if it is there")
+    array: ArrayRecord | None = Field(default=None, description="of audio_clips_array/, if it is there")
+    files: dict[RelativePath, Sha256] = Field(
+        description="sha256 of every published file of the observation beside poses.json"
+    )
+
+    @classmethod
+    def of(cls, record: ObservationRecord, files: dict[str, str]) -> Self:
+        """The part of an observation's record that may be published; ``files``: the published ones → sha256."""
+        return cls(
+            key=record.key,
+            intrinsics=record.intrinsics,
+            frames=tuple(
+                PoseRecord(name=f.name, time=f.time, position=f.position, rotation=f.rotation) for f in record.frames
+            ),
+            ambisonics=record.acoustics.ambisonics,
+            array=record.acoustics.array,
+            files=files,
+        )
+
+    @property
+    def receivers(self) -> dict[str, AmbisonicsRecord | ArrayRecord]:
+        """As `AcousticsRecord.receivers`."""
+        named = {layout.AMBISONICS: self.ambisonics, layout.ARRAY: self.array}
+        return {name: found for name, found in named.items() if found is not None}
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for position, frame in enumerate(self.frames):
+            if frame.name != layout.frame_name(position):
+                raise ValueError(f"frames[{position}].name is {frame.name}, expected {layout.frame_name(position)}")
+        if any(a.time >= b.time for a, b in zip(self.frames, self.frames[1:], strict=False)):
+            raise ValueError("frame times do not increase")
+        return self
+
+
+class CameraSplits(Record):
+    """`camera_splits.json`: file names, without extension, of the train and test frames."""
+
+    train: tuple[FrameName, ...]
+    test: tuple[FrameName, ...]
+
+    @classmethod
+    def of(cls, frames: int) -> Self:
+        """The split of an observation with ``frames`` frames: every eighth of the sorted names is test."""
+        train, test = layout.split_names(layout.frame_name(index) for index in range(frames))
+        return cls(train=train, test=test)
+
+
+class DatasetEntry(Record):
+    """One observation in `dataset.json`."""
+
+    key: Text
+    category: Category | None = Field(
+        description="null in an observation of part_3 without a source, and in a sealed test"
+    )
+    part: Part
+    scan: Scan
+    room: Room
+    digest: Sha256 = Field(description="sha256 of the observation's observation.json; of poses.json in a sealed test")
+
+    @classmethod
+    def of(cls, record: ObservationRecord, digest: str) -> Self:
+        """The entry of an observation; ``digest`` is the sha256 of its observation.json."""
+        return cls(
+            key=record.key,
+            category=record.category,
+            part=record.part,
+            scan=record.scan,
+            room=record.room,
+            digest=digest,
+        )
+
+
+class DatasetRecord(Record):
+    """`dataset.json`. It has no time stamp, so the same manifest and backends give the same bytes.
+
+    ``digest`` covers all other fields, with the free text. It detects damage, but not an edit after which it was
+    computed again.
+    """
+
+    left_out: ClassVar[frozenset[str]] = frozenset({"digest", "provenance", "categories", "sealed_test"})
+
+    schema_version: Literal["1.0", "1.1"] = Field(
+        default="1.0", description="1.1 with observations of part_3 or categories of the manifest's own, else 1.0"
+    )
+    name: Text
+    version: Text
+    toolkit_version: Text
+    created_by: str | None = None
+    sealed_test: Literal[True] | None = Field(
+        default=None,
+        description="true: a sealed test, whose truth is not published (see seal.json): manifest is empty, and no "
+        "observation has a category; absent otherwise",
+    )
+    manifest: str = Field(description="the text of the manifest, unchanged; empty in a sealed test")
+    manifest_sha256: Sha256 = Field(description="sha256 of the manifest's UTF-8 bytes")
+    backends: dict[str, Text] = Field(description="backend name → version")
+    licence: Text
+    attributions: tuple[AttributionRecord, ...] = ()
+    provenance: ProvenanceRecord | None = Field(default=None, description="software that made the observations")
+    categories: tuple[Category, ...] | None = Field(
+        default=None,
+        description="categories that the manifest adds, in the order of their class ids, which follow the seven of "
+        "the paper; absent if there are none",
+    )
+    observations: tuple[DatasetEntry, ...]
+    digest: Sha256 | None = Field(
+        default=None, description="sha256 of all other fields as canonical JSON; absent in datasets of older versions"
+    )
+
+    def contents_digest(self) -> str:
+        """The sha256 that `digest` should have.
+
+        Canonical JSON: sorted keys, no spaces, ASCII with escapes, without fields that are null.
+        """
+        fields = self.model_dump(mode="json", exclude={"digest"}, exclude_none=True)
+        text = json.dumps(fields, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def sealed(self) -> Self:
+        """This record with its digest."""
+        return self.model_copy(update={"digest": self.contents_digest()})
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if hashlib.sha256(self.manifest.encode()).hexdigest() != self.manifest_sha256:
+            raise ValueError("manifest_sha256 is not the sha256 of manifest")
+        if self.sealed_test and self.manifest:
+            raise ValueError("manifest is given, but the test is sealed: expected an empty text")
+        keys = [entry.key for entry in self.observations]
+        if keys != sorted(set(keys)):
+            raise ValueError("observations are not sorted by key, or a key is listed twice")
+        for entry in self.observations:
+            head = f"{entry.part}/{entry.scan}/{entry.room}/"
+            if not (entry.key.startswith(head) and entry.key[len(head) :].isdigit()):
+                raise ValueError(f"key {entry.key!r} does not fit its part, scan and room: expected {head}<index>")
+            if self.sealed_test and entry.category is not None:
+                raise ValueError(f"{entry.key}: has a category, but the test is sealed: expected null")
+            if entry.category is None and entry.part != SOUND_SCENES and not self.sealed_test:
+                raise ValueError(f"{entry.key}: category is missing; only an observation of part_3 may have none")
+        newer = bool(self.categories) or any(entry.part == SOUND_SCENES for entry in self.observations)
+        expected = SOUND_SCENES_VERSION if newer else SCHEMA_VERSION
+        if self.schema_version != expected:
+            raise ValueError(f"schema_version is {self.schema_version}, expected {expected}")
+        return self
+
+
+class SubmissionRecord(Record):
+    """`submission.json`: the method, and the dataset for which the masks were made."""
+
+    left_out: ClassVar[frozenset[str]] = frozenset({"provenance", "truth"})
+
+    method: Text
+    dataset: Text
+    dataset_version: Text
+    url: str | None = None
+    authors: str | tuple[str, ...] | None = None
+    notes: str | None = None
+    runtime: float | str | dict[str, Scalar] | None = None
+    truth: Text | None = Field(
+        default=None,
+        description="the ground truth from which the masks were made, e.g. 'masks of test frames'; absent if none. "
+        "Leaderboards show a submission with this field, but do not rank it",
+    )
+    provenance: ProvenanceRecord | None = Field(
+        default=None, description="software that made the masks; only for the baselines of this toolkit"
+    )
+
+
+_R = TypeVar("_R", bound=Record)
+#: Longest message about a finding (characters); without a limit, a wrong value may be as long as the file.
+_LONGEST_LINE = 1000
+
+
+def describe(error: ValidationError) -> list[str]:
+    """One line per finding of pydantic: ``frames.3.rotation: …``."""
+    lines = []
+    for finding in error.errors(include_url=False):
+        where = ".".join(str(step) for step in finding["loc"])
+        message = finding["msg"].removeprefix("Value error, ")
+        value = repr(finding.get("input"))
+        found = f" (found {value})" if len(value) <= 60 and finding["type"] != "missing" else ""
+        line = printable(f"{where}: {message}{found}" if where else f"{message}")
+        lines.append(line if len(line) <= _LONGEST_LINE else f"{line[:_LONGEST_LINE]}…")
+    return lines
+
+
+def parse_record(text: str | bytes, record: type[_R], where: str | Path, *, strict: bool = False) -> _R:
+    """Parse the JSON ``text`` of the file ``where``.
+
+    With ``strict``, true or a number in quotes is no number.
+
+    Raises:
+        Avs3dError: naming the file, the first wrong field and the number of further errors.
+    """
+    try:
+        return record.model_validate_json(text, strict=strict)
+    except ValidationError as error:
+        first, *rest = describe(error)
+        more = f" (and {len(rest)} more)" if rest else ""
+        raise Avs3dError(f"{where}: {first}{more}; expected a {record.__name__} (see `avs3d schema`)") from None
+
+
+def unique_attributions(attributions: Iterable[AttributionRecord]) -> tuple[AttributionRecord, ...]:
+    """The attributions sorted by asset, without repetitions."""
+    found = {(a.asset, a.name, a.author, a.source): a for a in attributions}
+    return tuple(found[key] for key in sorted(found))

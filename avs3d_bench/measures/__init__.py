@@ -1,0 +1,1 @@
+"""Measurements that several packages share: levels, reverberation, silhouettes, deaf oracles."""

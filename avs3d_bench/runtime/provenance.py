@@ -1,0 +1,350 @@
+"""Digest of the software that a result depends on: it changes when the result may change.
+
+    made_by = provenance("home")
+    made_by.digest
+
+A result depends on the sources in the folders and modules that `RESULTS` lists for it, on the versions of the libraries
+that those import, and on Python's minor version. A Python file counts as its syntax tree without docstrings and
+positions: comments, docstrings and line breaks may change; any other edit counts, also one that happens to change no
+result. Every other file of a folder counts with all its bytes. Nothing is executed, and files are read from a checkout,
+an installed wheel or a zip file.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import importlib.resources
+import json
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from importlib import metadata
+from typing import Any
+
+from avs3d_bench.errors import Avs3dError
+
+#: Packages whose sources count; anything else that is imported counts by its version.
+PACKAGES = ("avs3d_bench", "generators", "evaluators", "baselines")
+#: Name of the digest in `Provenance.versions`.
+SOFTWARE = "software"
+#: Version of the way a digest is computed; raise it when that changes.
+FORMAT = 2
+
+#: Records, file formats and geometry: what every reader and writer of a dataset or submission uses.
+CONTRACT = (
+    "avs3d_bench.contract",
+    "avs3d_bench.dataset",
+    "avs3d_bench.errors",
+    "avs3d_bench.formats",
+    "avs3d_bench.geometry",
+    "avs3d_bench.measures.decay",
+    "avs3d_bench.method",
+    "avs3d_bench.runtime.user_path",
+    "avs3d_bench.submission",
+    "avs3d_bench.text",
+)
+#: What makes the cleaned mesh of an asset from the library.
+_ASSET = (
+    "generators.assets",
+    "generators.core",
+    "generators.library.archive",
+    "generators.library.cleanglb",
+    "generators.library.glazing",
+    "generators.library.lock",
+    "generators.library.mesh_cleaning",
+    "generators.library.objfile",
+    "generators.library.orientation",
+    "generators.library.rawmesh",
+    "generators.library.simplify",
+    "generators.library.store",
+)
+#: Result → folders (with all that is below them) and modules whose sources it depends on. A method of `baselines` that
+#: is not listed depends on its own folder or module and on `CONTRACT`.
+RESULTS: Mapping[str, tuple[str, ...]] = {
+    # A built and lit apartment, in the cache.
+    "home": (
+        "avs3d_bench.errors",
+        "generators.apartments",
+        "generators.assets.finishes",
+        "generators.assets.forms",
+        "generators.assets.furniture",
+        "generators.assets.materials",
+        "generators.assets.shapes",
+        "generators.assets.styles",
+        "generators.assets.textures",
+        "generators.core",
+        "generators.homes.cache",
+        "generators.lighting",
+    ),
+    "asset": (*CONTRACT, *_ASSET),
+    # Of the backends, only those that are chosen count: see `generators.backends.observation_provenance`.
+    "observation": (
+        *CONTRACT,
+        *_ASSET,
+        "generators.acoustics",
+        "generators.apartments",
+        "generators.backends",
+        "generators.homes",
+        "generators.library.licences",
+        "generators.library.references",
+        "generators.lighting",
+        "generators.manifest",
+        "generators.observation",
+        "generators.options",
+        "generators.paths",
+        "generators.placement",
+        "generators.plan",
+        "generators.scans",
+        "generators.vision",
+    ),
+    # The tar of an observation, besides the observation.
+    "tar": (
+        *CONTRACT,
+        "avs3d_bench.exports.observation_tar",
+        "avs3d_bench.exports.samples",
+        "avs3d_bench.exports.tar_format",
+        "generators.observation.output",
+        "generators.observation.tar_output",
+    ),
+    "scores": (
+        *CONTRACT,
+        "avs3d_bench.measures.deaf_oracles",
+        "avs3d_bench.formats.predictions",
+        "avs3d_bench.contract.scores",
+        "avs3d_bench.sealing.seal",
+        "avs3d_bench.sealing.secret",
+        "evaluators",
+    ),
+    "baselines.deaf": (
+        *CONTRACT,
+        "avs3d_bench.measures.deaf_oracles",
+        "baselines.deaf",
+        "baselines.oracle",
+        "baselines.oracle_errors",
+    ),
+    "baselines.denseav": (*CONTRACT, "baselines.denseav", "baselines.networks"),
+    "baselines.echosegnet": (
+        *CONTRACT,
+        "baselines.echosegnet",
+        "baselines.oracle",
+        "baselines.oracle_errors",
+    ),
+    "baselines.listener": (*CONTRACT, "avs3d_bench.exports.samples", "baselines.listener", "baselines.networks"),
+    "baselines.oracle": (*CONTRACT, "baselines.oracle", "baselines.oracle_errors"),
+    "baselines.owod_bind": (*CONTRACT, "baselines.networks", "baselines.owod_bind"),
+}
+#: Parts of listed folders that do not count, except where a row lists them by name: commands, pages, comparisons.
+LEFT_OUT = frozenset(
+    {
+        "avs3d_bench.contract.comparisons",
+        "avs3d_bench.contract.competition",
+        "avs3d_bench.contract.frame_rows",
+        "avs3d_bench.contract.schemas",
+        "avs3d_bench.contract.scores",
+        "avs3d_bench.formats.predictions",
+        "avs3d_bench.formats.staging",
+        "avs3d_bench.text.templates",
+        "baselines.listener.cli",
+        "evaluators.cli",
+        "evaluators.competition",
+        "evaluators.statistics.comparison",
+        "evaluators.statistics.curves",
+        "evaluators.statistics.factors",
+        "evaluators.statistics.frame_rows",
+        "evaluators.reporting",
+        "evaluators.statistics.sign_flips",
+        "evaluators.verify",
+        "generators.observation.tar_output",
+    }
+)
+#: Module of a backend → what else only this backend uses.
+BACKENDS: Mapping[str, tuple[str, ...]] = {
+    "generators.acoustics.tracer.backend": ("generators.acoustics.tracer",),
+    "generators.vision.cuda": ("generators.vision.device_kernels",),
+    "generators.vision.habitat": ("generators.vision.habitat_process", "generators.vision.habitat_worker"),
+}
+
+#: Libraries that only import names of ours on demand: no result depends on their version.
+_NAME_RESOLVERS = frozenset({"lazy_loader"})
+#: Suffixes of files that do not count: compiled code, and declarations for type checkers.
+_IGNORED = (".pyc", ".pyi", ".so", ".typed")
+#: Functions that import the module of their first argument.
+_IMPORTERS = ("import_module", "__import__")
+#: Kind of node of a syntax tree → its fields that count.
+_FIELDS: Mapping[type, tuple[str, ...]] = {
+    kind: tuple(field for field in kind._fields if field not in ("ctx", "kind", "type_comment", "type_ignores"))
+    for kind in vars(ast).values()
+    if isinstance(kind, type) and issubclass(kind, ast.AST)
+}
+#: Kinds of nodes that may begin with a docstring.
+_DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """The software behind a result.
+
+    Attributes:
+        sources: path (``generators/core/scene.py``) → sha256 of what counts of the file.
+        libraries: distribution → version; ``none`` for what is imported but not installed.
+        python: Python's minor version (``3.11``).
+    """
+
+    sources: Mapping[str, str]
+    libraries: Mapping[str, str]
+    python: str
+
+    @cached_property
+    def digest(self) -> str:
+        """sha256 over all of it, 64 hexadecimal digits."""
+        document = [FORMAT, sorted(self.sources.items()), sorted(self.libraries.items()), self.python]
+        return hashlib.sha256(json.dumps(document).encode()).hexdigest()
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """Name → version: the digest as `SOFTWARE`, Python and the libraries."""
+        return {SOFTWARE: self.digest, "python": self.python, **self.libraries}
+
+
+@lru_cache(maxsize=64)
+def provenance(*results: str, without: tuple[str, ...] = ()) -> Provenance:
+    """The software of this installation that results depend on.
+
+    Args:
+        results: rows of `RESULTS`, or ``module:function`` of a method of `baselines`.
+        without: ``module`` or ``module:name`` of backends that were not chosen.
+
+    Raises:
+        Avs3dError: if there is no such result, or a source is missing or cannot be read.
+    """
+    return read_provenance(importlib.resources.files, results, without=without)
+
+
+def read_provenance(files: Callable[[str], Any], results: Iterable[str], *, without: Iterable[str] = ()) -> Provenance:
+    """See `provenance`.
+
+    Args:
+        files: name of a package → its folder, a `pathlib.Path` or another ``Traversable``.
+        results: as for `provenance`.
+        without: as for `provenance`.
+    """
+    unused = {backend.partition(":")[0] for backend in without}
+    unused = unused.union(*(BACKENDS.get(module, ()) for module in unused), LEFT_OUT)
+    sources: dict[str, str] = {}
+    libraries: set[str] = set()
+    for name in dict.fromkeys(name for result in results for name in folders_of(result)):
+        for path, file in source_files(name, files, unused):
+            data = file.read_bytes()
+            if not path.endswith(".py"):
+                sources[path] = hashlib.sha256(data).hexdigest()
+                continue
+            try:
+                sources[path], imported = _read_source(data)
+            except (SyntaxError, ValueError) as error:
+                raise Avs3dError(f"{path}: cannot be read as Python ({error}); reinstall avs3d-bench") from None
+            libraries |= imported
+    versions: dict[str, str] = {}
+    for library in libraries:
+        versions |= _versions(library)
+    return Provenance(sources, dict(sorted(versions.items())), f"{sys.version_info[0]}.{sys.version_info[1]}")
+
+
+def folders_of(result: str) -> tuple[str, ...]:
+    """The folders and modules that a result depends on.
+
+    Raises:
+        Avs3dError: if there is no such result.
+    """
+    if result in RESULTS:
+        return RESULTS[result]
+    package, *below = result.partition(":")[0].split(".")
+    if package != "baselines" or not below:
+        raise Avs3dError(
+            f"provenance of {result}: expected one of {', '.join(RESULTS)}, or module:function of a method of baselines"
+        )
+    method = f"{package}.{below[0]}"
+    return RESULTS.get(method, (*CONTRACT, method))
+
+
+def source_files(
+    name: str, files: Callable[[str], Any] = importlib.resources.files, without: Iterable[str] = ()
+) -> Iterator[tuple[str, Any]]:
+    """The files of a folder, with all that is below it, or of a module.
+
+    Args:
+        name: dotted.
+        files: as for `read_provenance`.
+        without: dotted names of folders and modules below it to leave out.
+
+    Yields:
+        The path, from the package's name on, and the file, in the order of the paths' names.
+
+    Raises:
+        Avs3dError: if there is no such folder or module.
+    """
+    package, *below = name.split(".")
+    place = files(package).joinpath(*below)
+    path = name.replace(".", "/")
+    if place.is_dir():
+        yield from _files_below(place, path, frozenset(each.replace(".", "/") for each in without))
+        return
+    module = files(package).joinpath(*below[:-1], f"{below[-1]}.py") if below else place
+    if not module.is_file():
+        raise Avs3dError(f"{path}: no such folder or module of this installation; reinstall avs3d-bench with sources")
+    yield f"{path}.py", module
+
+
+def _files_below(folder: Any, path: str, without: frozenset[str]) -> Iterator[tuple[str, Any]]:
+    for entry in sorted(folder.iterdir(), key=lambda entry: str(entry.name)):
+        below = f"{path}/{entry.name}"
+        if entry.name == "__pycache__" or entry.name.startswith(".") or below.removesuffix(".py") in without:
+            continue
+        if entry.is_dir():
+            yield from _files_below(entry, below, without)
+        elif not entry.name.endswith(_IGNORED):
+            yield below, entry
+
+
+@lru_cache(maxsize=1024)
+def _read_source(source: bytes) -> tuple[str, frozenset[str]]:
+    """sha256 of a Python file's normal form, and the libraries that it imports."""
+    tree = ast.parse(source)
+    imported: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            imported |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            imported.add(node.module or "")
+        elif isinstance(node, ast.Call) and getattr(node.func, "attr", getattr(node.func, "id", "")) in _IMPORTERS:
+            imported |= {str(argument.value) for argument in node.args[:1] if isinstance(argument, ast.Constant)}
+    tops = {module.partition(".")[0] for module in imported} - {"", *PACKAGES, *_NAME_RESOLVERS}
+    form = repr(_normal(tree)).encode(errors="surrogatepass")
+    return hashlib.sha256(form).hexdigest(), frozenset(tops - sys.stdlib_module_names)
+
+
+def _normal(node: Any) -> Any:
+    """A syntax tree as nested lists, without docstrings and positions."""
+    if isinstance(node, list):
+        return [_normal(each) for each in node]
+    if not isinstance(node, ast.AST):
+        return node
+    if isinstance(node, _DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
+        del node.body[0]
+    return [type(node).__name__, *(_normal(getattr(node, field, None)) for field in _FIELDS[type(node)])]
+
+
+@lru_cache(maxsize=1)
+def _distributions() -> Mapping[str, list[str]]:
+    return metadata.packages_distributions()
+
+
+@lru_cache(maxsize=256)
+def _versions(package: str) -> Mapping[str, str]:
+    """Distribution → version of those that an imported package comes from."""
+    names = sorted(set(_distributions().get(package, ()))) or [package]  # some do not say what they install
+    try:
+        return {name: metadata.version(name) for name in names}
+    except metadata.PackageNotFoundError:
+        return {package: "none"}

@@ -1,0 +1,1 @@
+"""Sealed tests: the secret, and what a seal commits to."""

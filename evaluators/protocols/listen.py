@@ -1,0 +1,109 @@
+"""Protocol ``listen``: whether a method listens, on the sound scenes of part_3.
+
+As in `evaluators.protocols.official_strict`, one function over the frames of an observation and one over observations.
+What is new are pairs of siblings (`evaluators.metrics.pairs`): their figure is a mean over groups, and all intervals
+resample groups, because siblings share their pictures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from avs3d_bench.contract.scores import ListenObservation, ListenSummary, ObservationScores, SiblingScores, metrics_of
+from evaluators.metrics.classes import Confusion, class_ious
+from evaluators.metrics.masks import FrameCounts, iou, mean
+from evaluators.metrics.pairs import group_accuracies, pair_accuracy, pairs_of
+from evaluators.statistics.bootstrap import clustered_interval
+
+NOTHING_VISIBLE = "nothing audible is visible in any test frame"
+ALWAYS_AUDIBLE = "something audible is visible in every test frame"
+NO_SIBLING = "no sibling was scored"
+SAME_TRUTHS = "no test frame in which the truth of a sibling differs"
+NO_CATEGORIES = "the submission has no categories/"
+NO_CLASS = "no category in truth or prediction"
+_PAIRS = "pair_accuracy"
+_CLASSES = "class_mIoU"
+
+
+def listen_observation(
+    key: str,
+    frames: Sequence[FrameCounts],
+    siblings: SiblingScores,
+    classes: Confusion | None = None,
+    names: Mapping[int, str] | None = None,
+) -> ListenObservation:
+    """Protocol ``listen`` on the test frames of one observation.
+
+    Args:
+        key: the observation's.
+        frames: the counts of all of them.
+        siblings: the pairs of its group.
+        classes: pixels by true and predicted class, summed over the frames; None without categories/.
+        names: class id → category.
+    """
+    visible = [frame for frame in frames if frame.truth]
+    absent = [frame for frame in frames if not frame.truth]
+    accuracy, pair_frames = pair_accuracy(pairs_of(siblings, [key]))
+    ious = {} if classes is None else {(names or {})[n]: value for n, value in class_ious(classes).items()}
+    why = {}
+    if not visible:
+        why["IoU"] = NOTHING_VISIBLE
+    if not absent:
+        why |= dict.fromkeys(("FP_rate", "FP_area"), ALWAYS_AUDIBLE)
+    if accuracy is None:
+        why[_PAIRS] = NO_SIBLING if len(siblings.observations) < 2 else SAME_TRUTHS
+    if not ious:
+        why[_CLASSES] = NO_CATEGORIES if classes is None else NO_CLASS
+    return ListenObservation(
+        pair_accuracy=accuracy,
+        IoU=mean(iou(frame) for frame in visible),
+        FP_rate=mean(float(frame.predicted > 0) for frame in absent),
+        FP_area=mean(frame.predicted / frame.pixels for frame in absent),
+        class_mIoU=mean(ious.values()),
+        visible_frames=len(visible),
+        absent_frames=len(absent),
+        pair_frames=pair_frames,
+        class_IoU=ious,
+        unavailable={name: why[name] for name in sorted(why)},
+    )
+
+
+def listen_summary(
+    observations: Sequence[ObservationScores], siblings: Iterable[SiblingScores], *, intervals: bool = True
+) -> ListenSummary | None:
+    """Means over observations, each counting once; ``pair_accuracy`` is the mean over groups, each counting once.
+
+    Args:
+        observations: of a part, a category, a room, or all; their order changes nothing.
+        siblings: the groups; a pair counts if it involves one of the observations.
+        intervals: whether to compute them.
+
+    Returns:
+        None if none of the observations was scored under ``listen``.
+    """
+    scored = [(one.group or one.key, one.key, one.listen) for one in observations if one.listen]
+    if not scored:
+        return None
+    # Figure → group → its values: one per observation, or one for the group's pairs.
+    values: dict[str, dict[str, list[float]]] = {metric.name: {} for metric in metrics_of("listen")}
+    for group, _, listen in scored:
+        for name in values.keys() - {_PAIRS}:
+            if (value := getattr(listen, name)) is not None:
+                values[name].setdefault(group, []).append(float(value))
+    accuracies = group_accuracies(siblings, [key for _, key, _ in scored])
+    values[_PAIRS] = {group: [value] for group, value in accuracies.items()}
+    found = {name: clustered_interval(list(groups.values())) for name, groups in values.items()} if intervals else {}
+    why = {name: _reason(name, [listen for _, _, listen in scored]) for name in sorted(values) if not values[name]}
+    return ListenSummary.model_validate(
+        {name: mean(value for some in groups.values() for value in some) for name, groups in values.items()}
+        | {
+            "intervals": {name: pair for name, pair in found.items() if pair is not None},
+            "counts": {name: sum(map(len, groups.values())) for name, groups in values.items()},
+            "groups": len({group for group, _, _ in scored}),
+            "unavailable": why,
+        }
+    )
+
+
+def _reason(name: str, scored: Iterable[ListenObservation]) -> str:
+    return "; ".join(sorted({one.unavailable[name] for one in scored if name in one.unavailable}))

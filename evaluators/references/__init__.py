@@ -1,0 +1,1 @@
+"""Reference predictions that every evaluation scores beside the submission."""

@@ -1,0 +1,1 @@
+"""From figures to statements: intervals, tests, comparisons and figures by factor."""

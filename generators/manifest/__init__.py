@@ -1,0 +1,1 @@
+"""The manifest: what to generate, checked field by field before generation begins."""

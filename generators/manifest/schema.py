@@ -1,0 +1,772 @@
+"""The manifest: a YAML file that lists what to generate. Every field is checked before generation begins.
+
+Start reading at `read_manifest`; `generators.plan` turns a manifest into one plan per observation.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+import hashlib
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    ModelWrapValidatorHandler,
+    Tag,
+    ValidationError,
+    model_validator,
+)
+
+from avs3d_bench.contract.layout import observation_key
+from avs3d_bench.contract.schema import Category, Part, Room
+from avs3d_bench.contract.taxonomy import MOST_OWN_CATEGORIES, SOUND_SCENES, check_room
+from avs3d_bench.errors import Avs3dError, UsageError, excerpt
+from avs3d_bench.formats.yamlfile import read_yaml, step
+from generators.core.limits import FRAMES, MOST_INDEX, SIZE
+from generators.manifest.categories import CategoryName, CategorySpec, Number, check_name, declared, missing_files
+from generators.manifest.messages import Fault, FieldError, in_lines, messages
+from generators.options import DEFAULT_AUDIO
+
+#: Largest coordinate of a room's box (m): far beyond any home, and small enough for millimetres in single precision.
+FARTHEST = 10_000.0
+#: Largest number of silent objects in a room; no room has places for more.
+MOST_SILENT = 16
+#: Largest number of identical objects, and of sources of a sound scene.
+MOST_COPIES, MOST_SOURCES = 4, 8
+#: Least and greatest scale of the absorption, and level of all sources above the background (dB).
+ABSORPTION_SCALE, SNR_DB = (0.05, 20.0), (-30.0, 80.0)
+#: Shortest time for which a source sounds or pauses (s): far longer than the ramps at both ends.
+SHORTEST_SOUND = 0.05
+#: Largest number of intervals of a programme: more do not fit into the longest observation.
+MOST_INTERVALS = round(FRAMES[1] / SHORTEST_SOUND)
+#: Greatest length of a name.
+LONGEST_SLUG = 200
+_SLUG = re.compile(rf"[A-Za-z0-9][A-Za-z0-9._-]{{0,{LONGEST_SLUG - 1}}}")
+#: Tolerance of the shortest interval (s): 0.15 − 0.1 is a little less than 0.05 in floating point.
+ROUNDING = 1e-9
+
+
+def _one_line(value: str) -> str:
+    if not value.strip():
+        raise ValueError(f"is empty (found {value!r}); expected a text")
+    if len(f"{value}.".splitlines()) > 1:
+        raise ValueError(f"has several lines (found {excerpt(value)}); expected one")
+    return value
+
+
+def _one_line_if_any(value: str) -> str:
+    return _one_line(value) if value else value
+
+
+def check_slug(value: str) -> str:
+    """Return ``value`` if it may name a manifest, a home or an engine.
+
+    Raises:
+        ValueError: in words.
+    """
+    if not _SLUG.fullmatch(value):
+        raise ValueError(
+            f"{excerpt(value)} is no name; expected 1 to {LONGEST_SLUG} letters (a–z, A–Z), digits, '.', '_' or '-', "
+            "the first a letter or a digit"
+        )
+    return value
+
+
+def _axis(value: str) -> str:
+    if value.lstrip("+-") not in ("x", "y", "z") or len(value) > 2:
+        raise ValueError(f"{excerpt(value)} is no axis; expected x, y or z, with or without a sign, such as -z")
+    return value
+
+
+def _category(value: Any) -> Any:
+    return check_name(value)
+
+
+def _silent(value: Any) -> Any:
+    return check_name(value, silent=True)
+
+
+def _room(value: Any) -> Any:
+    return _named(check_room, value)
+
+
+def _named(check: Callable[[str], str], value: Any) -> str:
+    """Return ``check(value)``; its error becomes a ValueError, to which pydantic adds the field's name."""
+    try:
+        return check(value)
+    except UsageError as error:
+        raise ValueError(str(error)) from None
+
+
+Coordinate = Annotated[Number, Field(ge=-FARTHEST, le=FARTHEST)]
+Slug = Annotated[str, AfterValidator(check_slug)]
+Line = Annotated[str, Field(max_length=1000), AfterValidator(_one_line)]
+Source = Annotated[str, Field(max_length=1000), AfterValidator(_one_line_if_any)]
+Axis = Annotated[str, AfterValidator(_axis)]
+RoomName = Annotated[Room, BeforeValidator(_room)]
+InstanceName = Annotated[str, BeforeValidator(_silent)]
+Corner = tuple[Coordinate, Coordinate, Coordinate]
+#: Names of procedural variants of a category; generators.plan checks that they exist.
+Variants = Annotated[tuple[Line, ...], Field(min_length=1)]
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class CameraSpec(_Model):
+    """The camera: square frames of ``size`` pixels, ``hfov`` degrees wide, ``height`` metres above the floor."""
+
+    size: Annotated[int, Field(ge=SIZE[0], le=SIZE[1])] = 1008
+    hfov: Annotated[Number, Field(gt=10.0, lt=170.0)] = 90.0
+    height: Annotated[Number, Field(gt=0.2, lt=2.4)] = 1.5
+    frames: Annotated[int, Field(ge=FRAMES[0], le=FRAMES[1])] = 120
+
+
+class LicenceSpec(_Model):
+    """Licence and author of a file that the manifest names, and its source (default: the file's name)."""
+
+    name: Line
+    author: Line
+    source: Source = ""
+
+
+class ScanSpec(_Model):
+    """A home: a procedural ``apartment`` from a seed, or a ``scan`` (HM3D, Matterport3D, any GLB, glTF, OBJ or PLY).
+
+    For a scan, ``file`` names its mesh; without it, the mesh is found by the scan's id below the folder of scans.
+    ``up`` and ``front`` are the file's axes that become +Y and +Z (default: those of its data set). ``rooms``: room
+    name → [[x, y, z], [x, y, z]], the lowest and highest corner of the room's inside (Y up, metres); rooms that are
+    not given are taken from the scan's annotations. ``materials``: a SoundSpaces material file (JSON).
+    """
+
+    source: Literal["apartment", "scan"] = "apartment"
+    seed: int | None = Field(None, ge=0, strict=True)
+    file: Line | None = None
+    up: Axis | None = None
+    front: Axis | None = None
+    materials: Line | None = None
+    rooms: dict[RoomName, tuple[Corner, Corner]] = {}
+    licence: LicenceSpec | None = None
+
+    @model_validator(mode="after")
+    def _complete(self) -> ScanSpec:
+        if self.source == "apartment" and self.seed is None:
+            raise ValueError("an apartment needs a seed")
+        if self.source == "apartment" and (self.file or self.up or self.front or self.materials):
+            raise ValueError("file, up, front and materials belong to a scan; write source: scan")
+        if (self.up is None) != (self.front is None):
+            raise ValueError("up and front belong together: give both axes, or neither")
+        if self.up and self.front and self.up[-1] == self.front[-1]:
+            raise ValueError(f"up {self.up!r} and front {self.front!r} are not perpendicular")
+        return self
+
+    def identity(self) -> dict[str, Any]:
+        """Content for digests: options that later versions added count only where they are set."""
+        late = ("up", "front", "materials")
+        return {name: value for name, value in self.model_dump().items() if value is not None or name not in late}
+
+
+class AssetSpec(_Model):
+    """A file beside the manifest, with its licence; or the id of an asset whose record is in the lock file."""
+
+    file: Line | None = None
+    asset: Line | None = None
+    licence: LicenceSpec | None = None
+
+    @model_validator(mode="after")
+    def _either(self) -> Self:
+        if (self.file is None) == (self.asset is None):
+            raise ValueError("expected exactly one of file (with its licence) and asset (an id of assets.lock.yaml)")
+        if self.file is not None and self.licence is None:
+            raise ValueError(f"file {self.file!r} needs its licence: {{name: …, author: …, source: …}}")
+        given = [name for name in self.model_fields_set if name not in ("file", "asset")]
+        if self.asset is not None and given:
+            raise ValueError(f"{min(given)} of asset {self.asset!r} comes from the lock file; leave it out here")
+        return self
+
+    def identity(self) -> dict[str, Any]:
+        """Content for digests: options that later versions added count only where they are set."""
+        return {name: value for name, value in self.model_dump().items() if value is not None or name != "asset"}
+
+
+class ObjectSpec(AssetSpec):
+    """A mesh that replaces a category's procedural models; ``height`` (m) is for a ``file`` (GLB or OBJ)."""
+
+    height: Number | None = Field(None, gt=0.02, lt=5)
+
+
+class SoundSpec(AssetSpec):
+    """A recording (WAV, FLAC or OGG) that replaces a category's synthesised sound."""
+
+
+class AcousticsSpec(_Model):
+    """Absorption of all surfaces: α' = 1 − (1 − α)^``absorption_scale`` for each surface and octave.
+
+    Eyring's reverberation time is proportional to 1/ln(1 − α), so it is divided by the scale: below 1 the room becomes
+    more reverberant, above 1 less. Unlike a plain product, α' stays in [0, 1).
+    """
+
+    absorption_scale: Annotated[Number, Field(ge=ABSORPTION_SCALE[0], le=ABSORPTION_SCALE[1])] = 1.0
+
+
+SourceMotion = Literal["static", "path"]
+Seconds = Annotated[Number, Field(ge=0.0, le=float(FRAMES[1]))]
+Count = Annotated[int, Field(ge=1, le=MOST_COPIES, strict=True)]
+
+
+def _kind_of_instances(value: Any) -> str | None:
+    """Tag of the type that `instances` has; errors name it, and `_finding` leaves it out."""
+    return "[objects]" if isinstance(value, dict) else "[number]" if isinstance(value, int) else None
+
+
+Instances = Annotated[
+    Annotated[Count, Tag("[number]")] | Annotated[dict[InstanceName, Count], Tag("[objects]")],
+    Discriminator(
+        _kind_of_instances,
+        custom_error_type="instances",
+        custom_error_message="expected a number, or in part_3 the objects of the room, e.g. {microwave: 2}",
+    ),
+]
+
+
+class BurstsSpec(_Model):
+    """Random bursts: pause and sound take turns; each lasts as long as is drawn uniformly from its range (s)."""
+
+    sound: tuple[Seconds, Seconds]
+    pause: tuple[Seconds, Seconds]
+    seed: int = Field(0, ge=0, strict=True)
+
+    @model_validator(mode="after")
+    def _ranges(self) -> Self:
+        for name, (low, high) in (("sound", self.sound), ("pause", self.pause)):
+            if not SHORTEST_SOUND <= low <= high:
+                raise ValueError(f"{name} is [{low:g}, {high:g}]; expected [least, most] from {SHORTEST_SOUND} s on")
+        return self
+
+
+class TurnSpec(_Model):
+    """Turn ``number`` of ``of`` sources that sound one after the other, ``seconds`` each, with a ``pause`` between."""
+
+    number: int = Field(ge=1, strict=True)
+    of: int = Field(ge=2, le=MOST_SOURCES, strict=True)
+    seconds: Annotated[Seconds, Field(ge=SHORTEST_SOUND)]
+    pause: Seconds = 0.0
+
+    @model_validator(mode="after")
+    def _one_of_them(self) -> Self:
+        if self.number > self.of:
+            raise ValueError(f"turn {self.number} of {self.of} does not exist; expected 1 to {self.of}")
+        return self
+
+    @property
+    def start(self) -> float:
+        """When the source sounds for the first time, seconds from the first frame."""
+        return (self.number - 1) * (self.seconds + self.pause)
+
+
+def _intervals(value: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    last = 0.0
+    for start, end in value:
+        if end - start < SHORTEST_SOUND - ROUNDING:
+            what = "is empty" if end <= start else "is too short"
+            raise ValueError(f"interval [{start:g}, {end:g}] {what}; expected at least {SHORTEST_SOUND} s")
+        if start < last:
+            raise ValueError(f"interval [{start:g}, {end:g}] begins before {last:g} s, where the one before ends")
+        last = end
+    return value
+
+
+def _not_too_many(value: Any) -> Any:
+    """Refuse a list that is too long before each of its entries is looked at."""
+    if isinstance(value, list | tuple) and len(value) > MOST_INTERVALS:
+        raise ValueError(f"{len(value):,} intervals; expected at most {MOST_INTERVALS:,}")
+    return value
+
+
+Intervals = Annotated[
+    tuple[tuple[Seconds, Seconds], ...],
+    Field(min_length=1),
+    AfterValidator(_intervals),
+    BeforeValidator(_not_too_many),
+]
+
+
+class ProgrammeSpec(_Model):
+    """When a source sounds: exactly one of intervals [start, end) in seconds, random bursts, a turn."""
+
+    intervals: Intervals | None = None
+    bursts: BurstsSpec | None = None
+    turn: TurnSpec | None = None
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        kinds = [name for name, value in self if value is not None]
+        if len(kinds) != 1:
+            raise ValueError(
+                f"found {' and '.join(kinds) or 'nothing'}; expected exactly one of intervals, bursts, turn"
+            )
+        return self
+
+    def check_within(self, seconds: int) -> None:
+        """Check that it fits an observation of this length: it begins in it, and its intervals end in it.
+
+        Raises:
+            ValueError: with the time that was found and the one that was expected.
+        """
+        if self.intervals is not None:
+            start, end = self.intervals[-1]
+            if end > seconds:
+                raise ValueError(
+                    f"interval [{start:g}, {end:g}] ends after the last frame; expected at most {seconds} s"
+                )
+            return
+        earliest = self.turn.start if self.turn else self.bursts.pause[0] if self.bursts else 0.0
+        if earliest > seconds - SHORTEST_SOUND + ROUNDING:
+            raise ValueError(f"programme begins at {earliest:g} s at the earliest; expected less than {seconds} s")
+
+
+def _programme(value: Any) -> Any:
+    """``always`` stands for None, a list for its intervals."""
+    if value == "always":
+        return None
+    if isinstance(value, list | tuple):
+        return {"intervals": value}
+    if not isinstance(value, dict | ProgrammeSpec):
+        raise ValueError(f"found {excerpt(value)}; expected always, [[start, end], …], {{bursts: …}} or {{turn: …}}")
+    return value
+
+
+class SourceSpec(_Model):
+    """A source of a sound scene.
+
+    ``instance``: which of the observation's objects of that category, from 1; drawn if it is left out. ``room``:
+    another room, in which the source stands unseen; it has no instance then. ``programme``: ``always``,
+    ``[[start, end], …]`` (s), ``{bursts: …}`` or ``{turn: …}``. ``gain_db``: level re the common loudness (dB).
+    """
+
+    category: Annotated[Category, BeforeValidator(_category)]
+    instance: int | None = Field(None, ge=1, strict=True)
+    room: RoomName | None = None
+    programme: Annotated[ProgrammeSpec | None, BeforeValidator(_programme)] = None
+    gain_db: Annotated[Number, Field(ge=-40.0, le=20.0)] = 0.0
+
+    @model_validator(mode="after")
+    def _seen_or_not(self) -> Self:
+        if self.room is not None and self.instance is not None:
+            raise ValueError(f"instance {self.instance} is an object of the observation's room; leave out it or room")
+        return self
+
+
+class BackgroundSpec(_Model):
+    """Diffuse background ``snr_db`` below the mean level of all sources (see docs/part-3.md)."""
+
+    kind: Literal["room_tone", "noise"]
+    snr_db: Annotated[Number, Field(ge=SNR_DB[0], le=SNR_DB[1])]
+
+
+#: Fields of an entry of part_3, and of the other parts.
+_SCENE_FIELDS, _ONE_SOURCE_FIELDS = ("sources", "background", "variant_of"), ("category", "silent", "variant")
+
+
+class ObservationSpec(_Model):
+    """One observation: its place in the tree, its objects, what sounds.
+
+    In part_1 and part_2, ``category`` is that of the sounding object, ``instances`` the number of its kind, and
+    ``silent`` lists the categories of the other objects. In part_3, ``instances`` is a mapping of categories to numbers
+    of identical objects, and ``sources`` says which of them sound, with a diffuse ``background`` if there is one.
+
+    ``acoustics`` and ``source_motion`` default to those of the manifest. ``like`` is the key of the observation that
+    this one is an acoustic variant or a sibling of, ``variant_of`` that of which a sound scene is a variant (see
+    `Manifest`).
+    """
+
+    part: Part
+    scan: Slug
+    room: Annotated[Room, BeforeValidator(_room)]
+    index: int = Field(ge=1, le=MOST_INDEX, strict=True)
+    category: Annotated[Category, BeforeValidator(_category)] | None = None
+    instances: Instances | None = None
+    silent: tuple[InstanceName, ...] = Field((), max_length=MOST_SILENT)
+    sources: tuple[SourceSpec, ...] | None = Field(None, max_length=MOST_SOURCES)
+    background: BackgroundSpec | None = None
+    variant: Line | None = None
+    acoustics: AcousticsSpec = AcousticsSpec()
+    source_motion: SourceMotion = "static"
+    like: Line | None = None
+    variant_of: Line | None = None
+
+    @model_validator(mode="after")
+    def _counts(self) -> ObservationSpec:
+        foreign = _ONE_SOURCE_FIELDS if self.is_sound_scene else _SCENE_FIELDS
+        surplus = [name for name in foreign if getattr(self, name) != type(self).model_fields[name].default]
+        if surplus:
+            raise ValueError(f"{surplus[0]} does not belong to {self.part}; leave it out, or write another part")
+        if self.is_sound_scene:
+            self._check_sources()
+            return self
+        if self.category is None:
+            raise ValueError(f"category is missing; {self.part} has one source")
+        if isinstance(self.instances, dict):
+            raise ValueError(
+                f"instances is a mapping; in {self.part} expected the number of objects of {self.category}"
+            )
+        if self.part == "part_1" and self.instances not in (None, 1):
+            raise ValueError(f"part_1 is single-instance, found instances: {self.instances}; use part_2 or drop it")
+        if self.part == "part_2" and (self.instances or 2) < 2:
+            raise ValueError("part_2 is multi-instance, found instances: 1; expected 2, 3 or 4")
+        if self.category in self.silent:
+            raise ValueError(f"{self.category} is both category and silent; for silent twins use part_2 and instances")
+        return self
+
+    def _check_sources(self) -> None:
+        """Check what a sound scene says.
+
+        Raises:
+            ValueError: naming the source.
+        """
+        if not isinstance(self.instances, dict) or not self.instances:
+            raise ValueError("instances: expected the objects of the room, e.g. {microwave: 2, telephone: 1}")
+        if sum(self.instances.values()) > MOST_SILENT:
+            raise ValueError(f"instances: {sum(self.instances.values())} objects; expected at most {MOST_SILENT}")
+        if self.sources is None:
+            raise ValueError("sources is missing; expected a list, [] for silence")
+        if self.source_motion != "static":
+            raise ValueError("source_motion belongs to part_1 and part_2; in part_3 nothing moves")
+        taken: dict[str, list[int | None]] = {}
+        faults = [
+            (("sources", number), fault)
+            for number, source in enumerate(self.sources)
+            if (fault := self._fault_of(source, taken.setdefault(source.category, [])))
+        ]
+        if faults:
+            raise FieldError(*faults)
+
+    def _fault_of(self, source: SourceSpec, among: list[int | None]) -> str:
+        """The fault of a source; empty if there is none.
+
+        Args:
+            source: one of ``sources``.
+            among: the instances of the sources of its category before it; its own is added.
+        """
+        assert isinstance(self.instances, dict)
+        if source.room is not None:
+            same = source.room == self.room
+            return f"room {source.room} is the observation's own; name another, or leave it out" if same else ""
+        there = self.instances.get(source.category, 0)
+        if not there:
+            found = _listed(tuple(self.instances))
+            return f"no {source.category} stands in this {self.room}; instances has {found}"
+        if source.instance is not None and source.instance > there:
+            return f"instance {source.instance} of {source.category} does not exist; expected 1 to {there}"
+        if source.instance is not None and source.instance in among:
+            return f"instance {source.instance} of {source.category} sounds already"
+        among.append(source.instance)
+        return f"{len(among)} sources, but there is only {there} × {source.category}" if len(among) > there else ""
+
+    @property
+    def is_sound_scene(self) -> bool:
+        """Whether it belongs to part_3."""
+        return self.part == SOUND_SCENES
+
+    @property
+    def objects(self) -> dict[str, int]:
+        """Category → number of objects in the room, sorted by category."""
+        if isinstance(self.instances, dict):
+            return dict(sorted(self.instances.items()))
+        counts = {name: self.silent.count(name) for name in self.silent}
+        return dict(sorted((counts | ({self.category: self.copies} if self.category else {})).items()))
+
+    @property
+    def sounding(self) -> tuple[SourceSpec, ...]:
+        """Its sources; in part_1 and part_2 one of its ``category``, which always sounds."""
+        if self.sources is None and self.category is not None:
+            return (SourceSpec.model_construct(category=self.category),)  # the category is validated already
+        return self.sources or ()
+
+    @property
+    def heard(self) -> tuple[str, ...]:
+        """Categories of all sources, sorted."""
+        return tuple(sorted({source.category for source in self.sounding}))
+
+    @property
+    def key(self) -> str:
+        """``part/scan/room/index``."""
+        return observation_key(self.part, self.scan, self.room, self.index)
+
+    @property
+    def copies(self) -> int:
+        """Number of instances of the category that sounds, in part_1 and part_2."""
+        assert not isinstance(self.instances, dict)
+        return self.instances or (1 if self.part == "part_1" else 2)
+
+    def identity(self) -> dict[str, Any]:
+        """Content for digests: options that later versions added count only where they are set."""
+        usual: dict[str, Any] = {"acoustics": AcousticsSpec().model_dump(), "source_motion": "static"}
+        usual |= dict.fromkeys(("like", "variant_of", "sources", "background"))
+        return {name: value for name, value in self.model_dump().items() if name not in usual or value != usual[name]}
+
+
+class Manifest(_Model):
+    """A benchmark: its homes, its observations, its camera, and the files that replace procedural assets.
+
+    An entry ``{like: KEY, index: 2, acoustics: {…}}`` is an acoustic variant of the observation KEY of the same
+    manifest: it takes everything except index and acoustics from that entry, and all its random draws are those of
+    KEY, so that both have the same pictures and the same source signal.
+
+    In part_3 such an entry is a sibling of KEY: it may have its own ``sources`` and ``background``, too. What its
+    sources play is its own.
+
+    In part_3 an entry ``{variant_of: KEY, index: 3, acoustics: {…}, background: {…}}`` is a variant of KEY, which may
+    be a sibling: the same sources play the same signals, and only acoustics and background differ.
+
+    ``categories`` adds categories to the seven of the paper; each that is used needs ``objects``, and ``sounds`` if it
+    sounds.
+
+    ``audio`` names the acoustic engine that the benchmark is made with, unless another one is asked for.
+
+    ``models`` restricts the procedural variants from which the objects of a category are drawn.
+    """
+
+    name: Slug
+    version: Line = "1.0.0"
+    seed: int = Field(ge=0, strict=True)
+    camera: CameraSpec = CameraSpec()
+    light: Literal["preview", "standard", "high"] = "standard"
+    audio: Slug | None = None
+    scans: dict[Slug, ScanSpec]
+    categories: dict[CategoryName, CategorySpec] = Field({}, max_length=MOST_OWN_CATEGORIES)
+    models: dict[InstanceName, Variants] = {}
+    objects: dict[InstanceName, tuple[ObjectSpec, ...]] = {}
+    sounds: dict[InstanceName, tuple[SoundSpec, ...]] = {}
+    notes: str = ""
+    acoustics: AcousticsSpec = AcousticsSpec()
+    source_motion: SourceMotion = "static"
+    observations: tuple[ObservationSpec, ...] = Field(min_length=1)
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _declare(cls, document: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """Validate the rest with the categories that the manifest adds."""
+        own = document.get("categories") if isinstance(document, dict) else None
+        with declared(name for name in (own if isinstance(own, dict) else ()) if isinstance(name, str)):
+            return handler(document)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _expand(cls, document: Any) -> Any:
+        """Fill in the fields that entries take from the manifest, and variants from their original."""
+        if not isinstance(document, dict) or not isinstance(document.get("observations"), list | tuple):
+            return document
+        shared = {name: document[name] for name in ("acoustics", "source_motion") if name in document}
+        entries = [shared | entry if isinstance(entry, dict) else entry for entry in document["observations"]]
+        originals = {_raw_key(entry): entry for entry in entries if isinstance(entry, dict) and "like" not in entry}
+        faults: list[Fault] = []
+        for number, entry in enumerate(document["observations"]):
+            if isinstance(entry, dict) and "like" in entry:
+                try:
+                    entries[number] = _sibling_base(entry, originals) | entry
+                except ValueError as error:
+                    faults.append((("observations", number), str(error)))
+        scenes = {_raw_key(one): one for one in entries if isinstance(one, dict) and "variant_of" not in one}
+        for number, entry in enumerate(document["observations"]):
+            if isinstance(entry, dict) and "variant_of" in entry and "like" not in entry:
+                try:
+                    entries[number] = _variant_base(entry, scenes) | entry
+                except ValueError as error:
+                    faults.append((("observations", number), str(error)))
+            if isinstance(entry, dict) and entries[number].get("part") == "part_3" and "source_motion" not in entry:
+                entries[number] = {name: value for name, value in entries[number].items() if name != "source_motion"}
+        if faults:
+            raise FieldError(*faults)
+        return document | {"observations": entries}
+
+    def engine(self, asked: str | None = None) -> str:
+        """The acoustic engine: the one that is asked for, else the manifest's, else `DEFAULT_AUDIO`."""
+        return asked or self.audio or DEFAULT_AUDIO
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Manifest:
+        """Refuse what no field shows by itself, all of it at once."""
+        faults = [*self._faults_of_models()]
+        seen: set[str] = set()
+        for number, entry in enumerate(self.observations):
+            faults += [(("observations", number, *below), said) for below, said in self._faults_of(entry)]
+            if entry.key in seen:
+                faults.append((("observations", number), f"{entry.key} is listed twice"))
+            seen.add(entry.key)
+        if faults:
+            raise FieldError(*faults)
+        return self
+
+    def _faults_of(self, entry: ObservationSpec) -> Iterator[Fault]:
+        """Yield the faults of an observation: of its home, its programmes, the files of its categories, its variant."""
+        if entry.scan not in self.scans:
+            expected = _listed(tuple(self.scans))
+            yield ("scan",), f"{entry.key}: unknown scan {entry.scan!r}; expected {expected}"
+        for number, source in enumerate(entry.sources or ()):
+            try:
+                if source.programme is not None:
+                    source.programme.check_within(self.camera.frames)
+            except ValueError as error:
+                yield ("sources", number, "programme"), f"{entry.key}: {error}"
+        for field, names, table in (("objects", entry.objects, self.objects), ("sounds", entry.heard, self.sounds)):
+            for name in names:
+                if name in self.categories and not table.get(name):
+                    yield (), f"{entry.key}: {missing_files(name, field)}"
+        allowed = self.models.get(entry.category or "", ())
+        if allowed and entry.variant is not None and entry.variant not in allowed:
+            yield (
+                ("variant",),
+                f"{entry.key}: variant {entry.variant!r} is not among models of {entry.category}; "
+                f"expected one of {_listed(allowed)}",
+            )
+
+    def _faults_of_models(self) -> Iterator[Fault]:
+        """Variants of a category whose models are files, and those that are listed twice."""
+        for name, allowed in self.models.items():
+            place = ("models", name)
+            if name in self.categories:
+                yield place, f"{name} is a category of this manifest and has no procedural models"
+            if self.objects.get(name):
+                yield place, f"the files in objects replace the models of {name}; leave out one of both"
+            twice = next((variant for variant in allowed if allowed.count(variant) > 1), None)
+            if twice is not None:
+                yield place, f"{twice!r} is listed twice"
+
+
+#: The fields that an entry with ``like`` may have, and those that it may have in part_3 only.
+_VARIANT_FIELDS, _SIBLING_FIELDS = ("like", "index", "acoustics"), ("sources", "background")
+#: The fields that an entry with ``variant_of`` may have.
+_SCENE_VARIANT_FIELDS = ("variant_of", "index", "acoustics", "background")
+
+
+def _listed(names: Sequence[str], most: int = 8) -> str:
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def _raw_key(entry: dict[str, Any]) -> str:
+    return "/".join(str(entry.get(name)) for name in ("part", "scan", "room", "index"))
+
+
+def _sibling_base(entry: dict[str, Any], originals: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """Find the entry of which ``entry`` is a variant.
+
+    Raises:
+        ValueError: if there is none, or ``entry`` has fields that a variant may not have.
+    """
+    original = originals.get(str(entry["like"]))
+    if original is None:
+        raise ValueError(
+            f"like {excerpt(entry['like'])} names no observation of this manifest that is not a "
+            f"variant itself; expected a key like {excerpt(next(iter(originals), 'part_1/scan/kitchen/1'))}"
+        )
+    scene = original.get("part") == SOUND_SCENES
+    own = (*_VARIANT_FIELDS, *_SIBLING_FIELDS) if scene else _VARIANT_FIELDS
+    surplus = sorted(step(name) for name in set(entry) - set(own))
+    if surplus:
+        what = "index, acoustics, sources and background" if scene else "index and acoustics"
+        raise ValueError(
+            f"an entry with like cannot have {_listed(surplus)}; a variant takes "
+            f"everything except {what} from its original; leave them out"
+        )
+    left = {"index", "background"} if "sources" in entry else {"index"}
+    return {name: value for name, value in original.items() if name not in left}
+
+
+def _variant_base(entry: dict[str, Any], scenes: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """The fields that an entry with ``variant_of`` takes from its original.
+
+    Raises:
+        ValueError: if there is no original in part_3, or ``entry`` has fields that such an entry may not have.
+    """
+    key = str(entry["variant_of"])
+    original = scenes.get(key)
+    if original is None or original.get("part") != SOUND_SCENES:
+        raise ValueError(
+            f"variant_of {excerpt(key)} names no observation of part_3 of this manifest that "
+            "has no variant_of itself; in part_1 and part_2 write like"
+        )
+    surplus = sorted(step(name) for name in set(entry) - set(_SCENE_VARIANT_FIELDS))
+    if surplus:
+        raise ValueError(
+            f"an entry with variant_of cannot have {_listed(surplus)}; it takes everything "
+            "except index, acoustics and background from its original; leave them out"
+        )
+    return {name: value for name, value in original.items() if name != "index"} | {"like": original.get("like", key)}
+
+
+@dataclass(frozen=True)
+class ManifestFile:
+    """A manifest with its path, its text and the sha256 of its bytes."""
+
+    manifest: Manifest
+    path: Path
+    text: str
+    sha256: str
+
+    @property
+    def base(self) -> Path:
+        """Folder that relative file names in the manifest refer to."""
+        return self.path.parent
+
+    def refusal(self, faults: Sequence[Fault]) -> tuple[str, ...]:
+        """A message for each problem, with the manifest, the field and its line."""
+        return in_lines(faults, self.path, self.text)
+
+
+def read_manifest(path: str | Path) -> ManifestFile:
+    """Read and check a manifest.
+
+    Raises:
+        UsageError: for each problem a line with the file, the field, its line, what was found and what was expected.
+    """
+    path = Path(path)
+    try:
+        document, raw = read_yaml(path)
+    except UsageError:
+        raise
+    except Avs3dError as error:
+        raise UsageError(f"cannot read the manifest: {error}") from error
+    if not isinstance(document, dict):
+        raise UsageError(
+            f"{path}: expected a mapping with name, seed, scans and observations, found {excerpt(document)}"
+        )
+    try:
+        manifest = Manifest.model_validate(document)
+    except ValidationError as error:
+        raise UsageError(*messages(error, path, raw.decode("utf-8"), Manifest)) from None
+    return ManifestFile(manifest, path.resolve(), raw.decode("utf-8"), hashlib.sha256(raw).hexdigest())
+
+
+def select(manifest: Manifest, patterns: Sequence[str], option: str = "--only") -> tuple[ObservationSpec, ...]:
+    """The observations whose key matches one of the shell patterns (all without patterns), in the manifest's order.
+
+    Args:
+        manifest: with the observations.
+        patterns: as the user gave them.
+        option: that takes the patterns, for the message.
+
+    Raises:
+        UsageError: if a pattern matches nothing.
+    """
+    for pattern in patterns:
+        if not any(fnmatch.fnmatchcase(entry.key, pattern) for entry in manifest.observations):
+            raise UsageError(
+                f"{option} {excerpt(pattern)} matches no observation of {manifest.name}; "
+                f"keys look like {manifest.observations[0].key!r}"
+            )
+    return tuple(
+        entry
+        for entry in manifest.observations
+        if not patterns or any(fnmatch.fnmatchcase(entry.key, pattern) for pattern in patterns)
+    )

@@ -1,0 +1,261 @@
+"""The listener as a method: from frames of any size to masks and class ids."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.taxonomy import CATEGORIES
+from avs3d_bench.dataset import Dataset, Observation
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.formats import media
+
+torch = pytest.importorskip("torch", reason="torch is not installed: the listener cannot run")
+
+from baselines.cli import baseline  # noqa: E402
+from baselines.listener import masks, predict, weights  # noqa: E402
+from baselines.listener.masks import Answer  # noqa: E402
+from baselines.listener.model import Listener  # noqa: E402
+from baselines.listener.predict import ListenerMethod  # noqa: E402
+from tests.support import tiny, tiny_listener, tiny_scenes  # noqa: E402
+
+torch.set_num_threads(1)
+MICROWAVE, CLOCK = (CATEGORIES.index(name) for name in ("microwave", "clock"))
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Weights of an untrained network."""
+    return tiny_listener.write_weights(tmp_path_factory.mktemp("weights"))
+
+
+@pytest.fixture(scope="module")
+def scenes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tiny_scenes.write_sound_scenes(tmp_path_factory.mktemp("scenes") / "set", frames=10, size=64)
+
+
+def answer(box: tuple[int, int, int, int], logit: float = 5.0) -> Answer:
+    """A mask of a box (top, bottom, left, right) of cells that looks like a microwave."""
+    mask = np.full((126, 126), -8.0, np.float32)
+    mask[box[0] : box[1], box[2] : box[3]] = logit
+    classes = np.full((8, 126, 126), 0.01, np.float32)
+    classes[1 + MICROWAVE] = 0.5
+    classes[1 + CLOCK] = 0.4
+    audible = np.full(7, 0.01, np.float32)
+    audible[CLOCK] = 0.9
+    return Answer(mask, classes, audible)
+
+
+def marked(answer: Answer, picture: Any, refine: Any = "none") -> Any:
+    """The mask of a frame."""
+    return ListenerMethod(None, torch.device("cpu"), "0" * 64, threshold=0.5, refine=refine).mask(answer, picture)
+
+
+@pytest.mark.parametrize("size", [(252, 252), (1008, 1008), (480, 640)])
+def test_masks_have_the_size_of_the_frame_and_lie_where_the_network_says(size: tuple[int, int]) -> None:
+    mask = marked(answer((42, 84, 63, 126)), np.zeros((*size, 3), np.uint8))
+    assert mask.shape == size
+    rows, columns = np.nonzero(mask)
+    tolerance = 1.5 / 126
+    assert rows.min() / size[0] == pytest.approx(42 / 126, abs=tolerance)
+    assert (rows.max() + 1) / size[0] == pytest.approx(84 / 126, abs=tolerance)
+    assert columns.min() / size[1] == pytest.approx(63 / 126, abs=tolerance)
+    assert columns.max() == size[1] - 1
+
+
+def test_refined_masks_follow_the_edges_of_the_picture() -> None:
+    picture = np.full((1008, 1008, 3), 40, np.uint8)
+    truth = np.zeros((1008, 1008), bool)
+    truth[341:669, 503:803] = True  # edges that are no multiple of the 8 pixels of a cell
+    picture[truth] = 220
+    cells = answer((43, 84, 63, 100))
+    rough = marked(cells, picture)
+    fine = marked(cells, picture, "edges")
+
+    def iou(mask: Any) -> float:
+        return float((mask & truth).sum() / (mask | truth).sum())
+
+    assert iou(fine) > iou(rough)
+    assert iou(fine) > 0.985
+
+
+def test_the_guided_filter_leaves_constants_and_smooth_values_alone() -> None:
+    picture = np.random.default_rng(0).integers(0, 255, (64, 64, 3), dtype=np.uint8)
+    flat = np.full((64, 64), 2.5, np.float32)
+    np.testing.assert_allclose(masks.guided(flat, picture), flat, atol=1e-4)
+
+
+def test_specks_are_dropped() -> None:
+    mask = np.zeros((100, 100), bool)
+    mask[10:20, 10:20] = mask[50, 50] = mask[60, 60:62] = True
+    found = masks.without_specks(mask, 2e-4)
+    assert found.sum() == 102
+    assert not found[50, 50]
+    assert not masks.without_specks(np.zeros((4, 4), bool), 0.1).any()
+
+
+def test_a_component_is_named_after_what_is_seen_there_and_heard() -> None:
+    cells = answer((42, 84, 63, 100))
+    mask = marked(cells, np.zeros((252, 252, 3), np.uint8))
+    found = masks.class_map(mask, cells)
+    assert set(np.unique(found[mask])) == {1 + CLOCK}
+    assert not found[~mask].any()
+
+
+def test_nothing_is_marked_where_the_network_marks_nothing() -> None:
+    found = marked(answer((0, 20, 0, 20), logit=-1.5), np.zeros((252, 252, 3), np.uint8), "edges")
+    assert not found.any()
+
+
+def test_the_command_writes_a_submission_with_class_ids(scenes: Path, saved: Path, tmp_path: Path) -> None:
+    arguments = ["listener", "--dataset", str(scenes), "-o", str(tmp_path / "out"), "--weights", str(saved),
+                 "--device", "cpu", "--refine", "none", "--looks", "one"]  # fmt: skip
+    found = CliRunner().invoke(baseline, arguments, catch_exceptions=False)
+    assert found.exit_code == 0, found.output
+    for observation in Dataset(scenes):
+        for frame in observation.test:
+            folder = tmp_path / "out" / observation.key
+            mask = media.read_png_mask(folder / layout.SUBMISSION_MASKS / f"{frame.name}.png")
+            assert mask.shape == frame.rgb().shape[:2]
+            classes = folder / layout.SUBMISSION_CATEGORIES / f"{frame.name}.png"
+            assert classes.exists()
+    record = media.read_json(tmp_path / "out" / layout.SUBMISSION_JSON)
+    assert record["method"] == "Listener"
+    assert weights.load_listener(saved)[1][:12] in record["notes"]
+    assert record.get("truth") is None
+
+
+def test_the_truth_is_not_read(scenes: Path, saved: Path, tmp_path: Path) -> None:
+    import shutil
+
+    blind = tmp_path / "blind"
+    shutil.copytree(scenes, blind)
+    for folder in (layout.SEMANTIC_MASKS, layout.CATEGORY_MASKS, layout.INSTANCE_MASKS):
+        for path in blind.rglob(folder):
+            shutil.rmtree(path)
+    model = predict.load_method(saved, device="cpu")
+    for before, after in zip(Dataset(scenes), Dataset(blind), strict=True):
+        for one, other in zip(model.predictions(before.test), model.predictions(after.test), strict=True):
+            np.testing.assert_array_equal(one.mask, other.mask)
+
+
+def test_predictions_do_not_depend_on_their_neighbours(scenes: Path, saved: Path) -> None:
+    model = predict.load_method(saved, device="cpu")
+    frames = Dataset(scenes)[tiny_scenes.FIRST].frames[:3]
+    pictures = [frame.rgb() for frame in frames]
+    sounds = np.stack([predict.clip_of(frame) for frame in frames])
+    cameras = np.asarray([predict.camera_of(frame) for frame in frames], np.float32)
+    with torch.inference_mode():
+        together = model.answers(pictures, sounds, cameras)
+        alone = model.answers(pictures[1:2], sounds[1:2], cameras[1:2])
+    np.testing.assert_allclose(together[1].mask, alone[0].mask, atol=1e-3)
+
+
+def looked_at(model: ListenerMethod, size: int, flipped: bool, looks: predict.Looks) -> Answer:
+    """The answer to a random picture and sound, or to both with left and right swapped."""
+    rng = np.random.default_rng(7)
+    picture = cv2.resize(rng.integers(0, 255, (16, 16, 3), dtype=np.uint8), (size, size))
+    sound = rng.normal(0, 0.1, (1, 2, 44_100)).astype(np.float32)
+    camera = np.array([[0.5, 0.5, 0.4, 0.5]], np.float32)
+    if flipped:
+        picture, sound = np.ascontiguousarray(picture[:, ::-1]), np.ascontiguousarray(sound[:, ::-1])
+        camera[:, 2] = 1 - camera[:, 2]
+    with torch.inference_mode():
+        return model.answers([picture], sound, camera, looks=looks)[0]
+
+
+def test_several_looks_answer_a_mirrored_scene_with_the_mirrored_mask(saved: Path) -> None:
+    model = predict.load_method(saved, device="cpu")
+    one, other = (looked_at(model, 504, flipped, "several") for flipped in (False, True))
+    np.testing.assert_allclose(one.mask, other.mask[:, ::-1], atol=1e-3)
+    np.testing.assert_allclose(one.classes, other.classes[..., ::-1], atol=1e-4)
+    single, swapped = (looked_at(model, 504, flipped, "one") for flipped in (False, True))
+    assert np.abs(single.mask - swapped.mask[:, ::-1]).max() > 0.01
+
+
+def test_several_looks_are_the_mean_of_their_probabilities_in_the_finest_cells(saved: Path) -> None:
+    model = predict.load_method(saved, device="cpu")
+    assert looked_at(model, 504, False, "one").mask.shape == (126, 126)
+    assert looked_at(model, 503, False, "several").mask.shape == (126, 126)  # no look is larger than the picture
+    found = looked_at(model, 504, False, "several")
+    assert found.mask.shape == (252, 252)
+    assert found.classes.shape == (8, 252, 252)
+    np.testing.assert_allclose(found.classes.sum(axis=0), 1, atol=1e-4)
+    flat = [Answer(np.full((n, n), masks.logit(p), np.float32), np.full((8, n, n), p, np.float32),
+                   np.full(7, p, np.float32)) for n, p in ((2, 0.2), (4, 0.6))]  # fmt: skip
+    mean = masks.agreed(flat)
+    np.testing.assert_allclose(mean.mask, np.full((4, 4), masks.logit(0.4)), atol=1e-4)
+    np.testing.assert_allclose(mean.audible, 0.4, atol=1e-6)
+
+
+def test_without_sound_or_with_a_wrong_one_its_own_is_not_read(
+    saved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root = tiny.write_dataset(tmp_path / "set")
+    frame = Dataset(root)[tiny.SINGLE].test[0]
+    with pytest.raises(Avs3dError, match=r"no observation of another category"):
+        predict.foreign_frame(frame)  # microwaves alone
+    monkeypatch.setattr(Observation, "category", property(lambda self: self.place.part))
+    other = predict.foreign_frame(frame)
+    assert (other.observation.key, other.index) == (tiny.MULTI, frame.index)
+    deaf = predict.load_method(saved, device="cpu", hearing="none")
+    wrong = predict.load_method(saved, device="cpu", hearing="other")
+    assert not deaf._heard(frame).any()
+    np.testing.assert_array_equal(wrong._heard(frame), predict.clip_of(other))
+    assert "heard nothing" in deaf.notes
+    assert "another observation" in wrong.notes
+
+
+def test_a_frame_without_sound_is_one_line(saved: Path, tmp_path: Path) -> None:
+    root = tiny.write_dataset(tmp_path / "set")
+    observation = next(iter(Dataset(root)))
+    for path in (observation.path / layout.BINAURAL).iterdir():
+        path.unlink()
+    model = predict.load_method(saved, device="cpu")
+    with pytest.raises(Avs3dError, match=r"audio_clips_binaural") as caught:
+        model.predictions(Dataset(root)[observation.key].test)
+    assert "\n" not in str(caught.value)
+
+
+def test_other_weights_are_refused_on_the_command_line(scenes: Path, tmp_path: Path) -> None:
+    arguments = [
+        "listener",
+        "--dataset",
+        str(scenes),
+        "-o",
+        str(tmp_path / "out"),
+        "--weights",
+        "none",
+        "--device",
+        "cpu",
+    ]
+    with pytest.raises(Avs3dError, match=r"none: no such file"):
+        CliRunner().invoke(baseline, arguments, catch_exceptions=False)
+
+
+@pytest.mark.slow
+def test_a_frame_of_the_benchmarks_size_takes_less_than_a_second_on_two_cores() -> None:
+    import time
+
+    model = ListenerMethod(Listener().eval(), torch.device("cpu"), "", refine="edges")
+    picture = np.random.default_rng(0).integers(0, 255, (1008, 1008, 3), dtype=np.uint8)
+    sound = np.random.default_rng(0).normal(0, 0.1, (1, 2, 44_100)).astype(np.float32)
+    camera = np.full((1, 4), 0.5, np.float32)
+
+    def once() -> float:
+        start = time.process_time()
+        with torch.inference_mode():
+            (found,) = model.answers([picture], sound, camera)
+            found.mask[100:150, 100:150] = 5
+            mask = model.mask(found, picture)
+        masks.class_map(mask, found)
+        return (time.process_time() - start) / 2
+
+    once()
+    assert min(once() for _ in range(3)) < 1.0

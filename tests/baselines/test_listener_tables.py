@@ -1,0 +1,146 @@
+"""The tables of the listener: rows that are there already, paired differences, the page and its pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+import cv2
+import pytest
+from click.testing import CliRunner
+
+from avs3d_bench.formats.files import read_json, write_json
+
+torch = pytest.importorskip("torch", reason="torch is not installed: the listener cannot run")
+
+from baselines.listener import predict, weights  # noqa: E402
+from baselines.listener.model import Listener  # noqa: E402
+from benchmarks import listener_failures, listener_page, listener_tables  # noqa: E402
+from benchmarks.listener_tables import ROWS, RUN_JSON, labelled, rows_of  # noqa: E402
+from tests.support import score_examples, tiny_scenes  # noqa: E402
+from tests.support.tiny_listener import SMALL  # noqa: E402
+
+PAGE = "# Listener\n\nbefore\n\n<!-- tables -->\nold\n<!-- end of tables -->\n\nafter\n"
+
+
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the rows of a tiny dataset of sound scenes, and what was said of them."""
+    folder = tmp_path_factory.mktemp("tables")
+    keys = (tiny_scenes.FIRST, tiny_scenes.SECOND)
+    tiny_scenes.write_sound_scenes(folder / "scenes", frames=9, size=32, keys=keys)
+    torch.manual_seed(0)
+    weights.save_weights(Listener(SMALL), folder / "weights")
+    with pytest.MonkeyPatch.context() as patch:
+        # Both siblings are of one group, which has no foreign sound: another frame's serves.
+        patch.setattr(predict, "foreign_frame", lambda frame: frame.observation.frames[0])
+        (folder / "first.txt").write_text(run(folder))
+    return folder
+
+
+def run(folder: Path, *extra: str) -> str:
+    arguments = [str(folder / "scenes"), "-o", str(folder / "results"), "--work", str(folder / "work"), "--device",
+                 "cpu", "--workers", "1", "--weights", str(folder / "weights"), *extra]  # fmt: skip
+    found = CliRunner().invoke(listener_tables.main, arguments, catch_exceptions=False)
+    assert found.exit_code == 0, found.output
+    return found.output
+
+
+def test_the_rows_of_a_kind_or_a_name() -> None:
+    assert [row.name for row in rows_of(["listener", "spatial"])] == ["2d", "no-sound", "wrong-sound", "spatial"]
+    assert set(listener_tables.KINDS) == {row.kind for row in ROWS.values()}
+
+
+def test_labels_are_names_of_folders_unless_they_are_given(tmp_path: Path) -> None:
+    found = labelled([f"{tmp_path}/open", f"other={tmp_path}/open"])
+    assert found == {"open": tmp_path / "open", "other": tmp_path / "open"}
+    with pytest.raises(click.UsageError, match="another dataset has the label open"):
+        labelled(["a/open", "b/open"])
+
+
+@pytest.mark.slow
+def test_every_row_is_scored_once(ran: Path) -> None:
+    names = {"category", "deaf-all", "deaf-single", "2d", "no-sound", "wrong-sound"}
+    assert {path.name for path in (ran / "results").glob("listener-scenes-*.json")} == {
+        f"listener-scenes-{name}.json" for name in names
+    }
+    assert "there already" not in (ran / "first.txt").read_text()
+    assert run(ran).count("there already") == len(names)
+    said = read_json(ran / "results" / RUN_JSON)
+    digest = weights.load_listener(ran / "weights")[1]
+    assert said["weights"] == said["rows"]["scenes-2d"]["settings"]["weights"] == digest
+    assert said["rows"]["scenes-2d"]["frames"] == 4
+    scores = read_json(ran / "results/listener-scenes-no-sound.json")
+    assert scores["submission"]["method"] == "listener, 2D, without sound"
+    assert "heard nothing" in scores["submission"]["notes"]
+
+
+@pytest.mark.slow
+def test_other_settings_are_computed_again(ran: Path) -> None:
+    path = ran / "results" / RUN_JSON
+    before = path.read_bytes()
+    document = read_json(path)
+    document["rows"]["scenes-2d"]["settings"]["weights"] = "0" * 64
+    write_json(path, document)
+    output = run(ran)
+    assert output.count("there already") == 5
+    assert "scenes-2d: there already" not in output
+    path.write_bytes(before)
+
+
+@pytest.mark.slow
+def test_the_page_has_every_method_the_differences_and_the_pictures(ran: Path) -> None:
+    page = ran / "docs/page.md"
+    page.parent.mkdir()
+    page.write_text(PAGE)
+    arguments = [str(ran / "results"), str(ran / "scenes"), "--work", str(ran / "work"), "--page", str(page)]
+    found = CliRunner().invoke(listener_page.main, arguments, catch_exceptions=False)
+    assert found.exit_code == 0, found.output
+    text = page.read_text()
+    assert text.startswith("# Listener\n\nbefore\n")
+    assert text.endswith("after\n")
+    assert "old" not in text
+    assert "- [scenes](results/listener-scenes.md)" in text
+    tables = (ran / "docs/results/listener-scenes.md").read_text()
+    assert tables.startswith("# The listener on scenes\n")
+    assert "(../page.md)" in tables
+    for row in ("deaf-all", "deaf-single", "category"):
+        assert f"| {ROWS[row].title} (n = 2) |" in tables
+    for row in ("2d", "no-sound", "wrong-sound"):
+        assert f"- {ROWS[row].title}: several looks" in tables
+        assert f"| {ROWS[row].title} (several looks, n = 2) |" in tables
+    assert f"| part_3 | {ROWS['2d'].title} − {ROWS['wrong-sound'].title} | listen IoU |" in tables
+    assert "| *deaf all* |" in tables
+    assert "(../images/listener-scenes-failures.jpg)" in tables
+    picture = cv2.imread(str(ran / "docs/images/listener-scenes-failures.jpg"))
+    assert picture.shape[1] == 3 * listener_failures.SIDE + 4 * listener_failures.GAP
+
+
+def test_a_page_without_marks_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(
+        listener_page.Avs3dError, match=r"page.md: expected the lines <!-- tables --> and <!-- end of tables -->"
+    ):
+        listener_page.insert(tmp_path / "page.md", "nothing", "tables", "text")
+
+
+def test_the_paper_stands_beside_parts_1_and_2() -> None:
+    scores = score_examples.example_scores(8, seed=1, method="mine")
+    lines = listener_page.part_table("part_2", {"2d": scores})
+    assert "| paper: EchoSegnet with AISRM | 0.801 | 0.714 | – | – | – | – |" in lines
+    assert any(line.startswith("| listener, 2D (n = ") for line in lines)
+
+
+def test_differences_are_those_of_common_observations() -> None:
+    better, worse = (score_examples.example_scores(16, seed=1, skill=skill) for skill in (0.9, 0.2))
+    lines = listener_page.difference_table({"2d": better, "no-sound": worse})
+    (line,) = [line for line in lines if line.startswith("| part_1 ") and "strict IoU" in line]
+    assert line.endswith("| better |")
+
+
+def test_the_worst_and_the_median_observations_are_shown() -> None:
+    scores = score_examples.example_scores(16, seed=1)
+    ranked = sorted(one.strict.IoU for one in scores.observations if one.strict and one.strict.IoU is not None)
+    found = listener_failures.chosen(scores)
+    assert [iou for kind, _, iou in found if kind == "worst"] == ranked[:4]
+    middle = [iou for kind, _, iou in found if kind == "median"]
+    assert middle == ranked[len(ranked) // 2 - 1 : len(ranked) // 2 + 1]

@@ -1,0 +1,54 @@
+"""benchmarks/listen_chance.py: what guesses reach, against shares worked out by hand and the oracle's own score."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from avs3d_bench.dataset import Dataset
+from baselines.oracle import write_oracle
+from benchmarks.listen_chance import GUESSES, group_chance, main
+from evaluators.score import evaluate
+from tests.support import tiny_scenes
+from tests.support.tiny_scenes import AWAY, FIRST, GROUP, SECOND, SILENT
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tiny_scenes.write_sound_scenes(tmp_path_factory.mktemp("data") / "scenes", frames=17)
+
+
+def test_two_twins(data: Path):
+    """Marking one of the two microwaves is right for each sibling with probability 1/2, whatever is in view."""
+    found = group_chance(data, (FIRST, SECOND))
+    assert found["category, one"] == pytest.approx((1 / 4, 1 / 4))
+    assert found["category, all"] == (0, 0)
+
+
+def test_a_sound_and_silence(data: Path):
+    """Of three instances one is right, and silence is known; there are no twins."""
+    found = group_chance(data, (FIRST, SILENT))
+    assert found["presence, instance"] == (pytest.approx(1 / 3), None)
+    assert found["category, one"] == (pytest.approx(1 / 2), None)
+    assert group_chance(data, (SILENT, AWAY))["category, one"] == (None, None), "no truth differs"
+
+
+def test_all_of_the_category_is_the_category_oracle(data: Path, tmp_path: Path):
+    write_oracle(Dataset(data), tmp_path / "s", instance="category")
+    listen = evaluate(tmp_path / "s", data).scores.overall.listen
+    assert listen is not None
+    assert group_chance(data, GROUP)["category, all"][0] == pytest.approx(listen.pair_accuracy)
+
+
+def test_the_program(data: Path, tmp_path: Path):
+    done = CliRunner().invoke(main, [str(data), "--workers", "1", "--json", str(tmp_path / "c.json")])
+    assert done.exit_code == 0, done.output
+    found = json.loads((tmp_path / "c.json").read_text())
+    assert found["groups"] == 1
+    assert set(found["guesses"]) == set(GUESSES)
+    assert found["guesses"]["category, one"]["pair_accuracy"] == pytest.approx(
+        group_chance(data, GROUP)["category, one"][0]
+    )

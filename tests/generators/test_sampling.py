@@ -1,0 +1,463 @@
+"""Sampled manifests: unseen homes and models, balance, groups of siblings, the same bytes again, errors in one line."""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from avs3d_bench.contract.taxonomy import CATEGORIES, DISTRACTORS, PARTS, ROOMS
+from avs3d_bench.errors import Avs3dError, UsageError
+from generators.assets import catalogue
+from generators.manifest.schema import Manifest, ObservationSpec, read_manifest
+from generators.options import GenerateOptions
+from generators.plan import make_plans
+from generators.sampling import excluded as excluded_module
+from generators.sampling import sample as sample_module
+from generators.sampling.cli import manifest as command
+from generators.sampling.document import manifest_text
+from generators.sampling.excluded import Excluded, what_they_use
+from generators.sampling.rooms import MOST
+from generators.sampling.sample import MOST_INDEX, SEEDS, SampledGroup, Wanted, sample, shares
+from generators.sampling.siblings import GROUP, siblings
+from generators.sampling.statistics import sounding
+from generators.sampling.sweep_cli import sweep
+
+MANIFESTS = Path(__file__).parents[2] / "scenes_manifest"
+TRAIN = MANIFESTS / "train.yaml"
+NOTHING = Excluded({}, {}, {})
+
+
+def drawn(wanted: Wanted, excluded: Excluded = NOTHING, **options: Any) -> tuple[Manifest, tuple[SampledGroup, ...]]:
+    document, units = sample(wanted, excluded, **options)
+    return Manifest.model_validate(document), units
+
+
+@pytest.fixture(scope="module")
+def large() -> tuple[Manifest, tuple[SampledGroup, ...]]:
+    return drawn(Wanted(homes=60, observations=600, seed=5))
+
+
+def groups(manifest: Manifest) -> list[list[ObservationSpec]]:
+    """The siblings of each group."""
+    found: dict[str, list[ObservationSpec]] = {}
+    for spec in manifest.observations:
+        if spec.is_sound_scene:
+            found.setdefault(spec.like or spec.key, []).append(spec)
+    return list(found.values())
+
+
+def run(tmp_path: Path, *words: object, homes: int = 3, observations: int = 30, seed: int = 1) -> Any:
+    """`avs3d manifest sample` into a file."""
+    usual = ["sample", "-o", tmp_path / "out.yaml", "--homes", homes, "--observations", observations, "--seed", seed]
+    return CliRunner().invoke(command, [str(word) for word in (*usual, *words)])
+
+
+def message(result: Any) -> str:
+    """The error of a command, which is one line."""
+    assert isinstance(result.exception, Avs3dError | SystemExit), result.output
+    text = str(result.exception) if isinstance(result.exception, Avs3dError) else result.output.splitlines()[-1]
+    assert "\n" not in text
+    return text
+
+
+@pytest.mark.parametrize("name", ["../x", "\x1b[31mred", "", "a b", "a" * 201])
+def test_a_name_that_no_manifest_may_have_is_refused_before_anything_is_written(tmp_path: Path, name: str) -> None:
+    for words, group in ((("--name", name), command), ((tmp_path / "m.yaml", "--name", name), None)):
+        if group is not None:
+            result = run(tmp_path, *words)
+        else:
+            shutil.copy(MANIFESTS / "demo.yaml", tmp_path / "m.yaml")
+            over = ["--over", "acoustics.absorption_scale=1,2", "-o", tmp_path / "out.yaml"]
+            result = CliRunner().invoke(sweep, [str(word) for word in (*words, *over)])
+        assert result.exit_code != 0
+        text = message(result)
+        assert text.startswith("--name: ")
+        assert "is no name; expected 1 to 200 letters" in text
+        assert text.isprintable()
+        assert not (tmp_path / "out.yaml").exists()
+
+
+@pytest.mark.parametrize("digits", [20, 400, 5000])
+def test_a_seed_beyond_64_bits_is_a_usage_error(tmp_path: Path, digits: int) -> None:
+    result = run(tmp_path, seed="9" * digits)  # type: ignore[arg-type]  # the words of a command
+    assert result.exit_code == UsageError.exit_code
+    assert "--seed" in message(result)
+    assert not (tmp_path / "out.yaml").exists()
+
+
+def test_every_home_is_new_and_has_about_as_many_observations_as_any_other(large) -> None:
+    manifest, units = large
+    assert len(manifest.observations) == 600
+    assert len(manifest.scans) == 60
+    seeds = [scan.seed for scan in manifest.scans.values()]
+    assert len(set(seeds)) == 60
+    assert all(seed is not None and SEEDS[0] <= seed < SEEDS[1] for seed in seeds)
+    assert all(name == f"home_{scan.seed}" for name, scan in manifest.scans.items())
+    per_home = Counter(unit.entries[0]["scan"] for unit in units)
+    assert set(per_home) == set(manifest.scans)
+    assert max(per_home.values()) - min(per_home.values()) <= 1
+
+
+def test_no_home_of_an_excluded_manifest_is_drawn_and_none_of_its_seeds() -> None:
+    wanted = Wanted(homes=20, observations=40, seed=9)
+    first = sample(wanted, NOTHING)[0]["scans"]
+    taken = {scan["seed"]: "other" for scan in first.values()}
+    second = sample(wanted, Excluded(taken, {}, {}))[0]["scans"]
+    assert len(second) == 20
+    assert not {scan["seed"] for scan in second.values()} & set(taken)
+    with pytest.raises(UsageError, match=r"--seed 9 is the seed of the excluded manifest other; choose another"):
+        sample(wanted, Excluded({}, {9: "other"}, {}))
+
+
+def test_what_manifests_use_is_read_from_files_and_folders(tmp_path: Path) -> None:
+    for name, seed, extra in (("a", 1, {}), ("b", 2, {"models": {"clock": ["station"]}})):
+        content = {
+            "name": name,
+            "seed": seed,
+            "scans": {"flat": {"source": "apartment", "seed": 10 + seed}},
+            "observations": [
+                {
+                    "part": "part_1",
+                    "scan": "flat",
+                    "room": "kitchen",
+                    "index": 1,
+                    "category": "clock",
+                    "silent": ["oven"],
+                }
+            ],
+        }
+        (tmp_path / f"{name}.yaml").write_text(yaml.safe_dump(content | extra))
+    found = what_they_use([tmp_path], tmp_path / "out.yaml")
+    assert (found.homes, found.seeds) == ({11: "a", 12: "b"}, {1: "a", 2: "b"})
+    assert {v for c, v in found.variants if c == "clock"} == set(catalogue.variants("clock"))
+    only = what_they_use([tmp_path / "b.yaml"], tmp_path / "out.yaml")
+    assert {v for c, v in only.variants if c == "clock"} == {"station"}
+    assert {v for c, v in only.variants if c == "oven"} == set(catalogue.variants("oven"))
+    # The file that is written again does not exclude itself.
+    assert what_they_use([tmp_path], tmp_path / "a.yaml").seeds == {2: "b"}
+
+
+def test_parts_rooms_and_categories_are_balanced(large) -> None:
+    manifest, units = large
+    assert Counter(spec.part for spec in manifest.observations) == {"part_1": 60, "part_2": 60, "part_3": 480}
+    rooms = Counter(unit.entries[0]["room"] for unit in units)
+    assert set(rooms) == set(ROOMS)
+    assert max(rooms.values()) - min(rooms.values()) <= 3
+    counts = sounding(manifest)
+    total = sum(counts.values())
+    for category in CATEGORIES:
+        share = sum(count for (name, _), count in counts.items() if name == category) / total
+        assert 0.7 / 7 < share < 1.4 / 7, category
+        for room in ROOMS:
+            assert (counts[category, room] > 0) == (category in MOST[room])
+        assert counts[category, "off-screen"] > 0
+
+
+def test_rooms_have_no_more_objects_than_they_take(large) -> None:
+    for spec in large[0].observations:
+        for category, count in spec.objects.items():
+            assert count <= MOST[spec.room].get(category, int(category in DISTRACTORS))
+        assert sum(count > 1 for count in spec.objects.values()) <= 1
+    numbers = Counter(max(unit.objects.values()) for unit in large[0].observations if unit.part == "part_2")
+    assert set(numbers) == {2, 3, 4}
+
+
+def test_every_group_has_twins_or_categories_that_take_turns_silence_and_a_source_elsewhere(large) -> None:
+    kinds: Counter[str] = Counter()
+    for group in groups(large[0]):
+        assert len(group) == GROUP
+        first = group[0]
+        assert all(spec.like == first.key and spec.instances == first.instances for spec in group[1:])
+        assert len({(spec.sources, spec.background) for spec in group}) == GROUP
+        assert len({spec.background for spec in group}) == 1
+        alone = [s[0] for spec in group if (s := spec.sources or ()) and len(s) == 1 and s[0].room is None]
+        if sum(count for name, count in first.objects.items() if name not in DISTRACTORS) > 1:
+            assert len({(source.category, source.instance) for source in alone}) >= 2
+        if len({name for name in first.objects if name not in DISTRACTORS}) > 1:
+            assert len({source.category for source in alone}) >= 2
+        if max(first.objects.values()) > 1:
+            assert max(Counter(source.category for source in alone).values()) >= 2
+        assert sum(spec.sources == () for spec in group) == 1
+        elsewhere = [s[0] for spec in group if (s := spec.sources or ()) and len(s) == 1 and s[0].room is not None]
+        assert elsewhere
+        kinds["hard"] += any(source.category in first.objects for source in elsewhere)
+        kinds["easy"] += any(source.category not in first.objects for source in elsewhere)
+        kinds["several"] += any(len(spec.sources or ()) > 1 for spec in group)
+        kinds["background"] += first.background is not None
+    whole = len(groups(large[0]))
+    assert min(kinds["hard"], kinds["easy"]) >= 0.4 * whole
+    assert kinds["several"] >= 0.9 * whole
+    assert 0.3 * whole < kinds["background"] < 0.7 * whole
+
+
+@pytest.mark.parametrize("frames", [8, 24, 120])
+@pytest.mark.parametrize(
+    "instances", [{"clock": 1}, {"clock": 3}, {"clock": 1, "oven": 1}, {"clock": 2, "telephone": 1, "microwave": 1}]
+)
+def test_a_group_of_any_size_has_six_valid_siblings(instances: dict[str, int], frames: int) -> None:
+    import numpy as np
+
+    for number in range(8):
+        found = siblings("kitchen", instances, number, frames, np.random.default_rng(number))
+        assert len(found) == GROUP
+        entries: list[dict[str, Any]] = [
+            {
+                "part": "part_3",
+                "scan": "a",
+                "room": "kitchen",
+                "index": index,
+                "instances": instances,
+                "sources": sources,
+            }
+            for index, (_, sources) in enumerate(found, start=1)
+        ]
+        scans = {"a": {"source": "apartment", "seed": 1}}
+        content = {"name": "x", "seed": 1, "camera": {"frames": frames}, "scans": scans, "observations": entries}
+        Manifest.model_validate(content)
+        assert not any(source["category"] in DISTRACTORS for _, sources in found for source in sources)
+
+
+def test_the_same_options_give_the_same_bytes_and_another_seed_others(tmp_path: Path) -> None:
+    texts = []
+    for seed in (1, 1, 2):
+        result = run(tmp_path, "--exclude", MANIFESTS / "demo.yaml", seed=seed)
+        assert result.exit_code == 0, result.output
+        texts.append((tmp_path / "out.yaml").read_bytes())
+    assert texts[0] == texts[1] != texts[2]
+    manifest = read_manifest(tmp_path / "out.yaml").manifest
+    assert (manifest.name, manifest.seed, manifest.camera.frames, manifest.camera.size) == ("sampled-2", 2, 24, 252)
+    assert (manifest.light, manifest.audio) == ("standard", "tracer")
+
+
+def test_more_observations_leave_the_homes_as_they_are() -> None:
+    few, many = (sample(Wanted(homes=4, observations=n, seed=3), NOTHING)[0]["scans"] for n in (8, 80))
+    assert few == many
+
+
+def test_parts_are_chosen_by_name(tmp_path: Path) -> None:
+    result = run(tmp_path, "--parts", "part_3,part_1", observations=27)
+    assert result.exit_code == 0, result.output
+    parts = Counter(spec.part for spec in read_manifest(tmp_path / "out.yaml").manifest.observations)
+    assert parts == {"part_1": 3, "part_3": 24}
+    assert "part_4" in message(run(tmp_path, "--parts", "part_4"))
+    assert shares(7, ("part_2",)) == {"part_2": 7}
+    assert sum(shares(601, PARTS).values()) == 601
+
+
+def test_the_statistics_are_printed(tmp_path: Path) -> None:
+    result = run(tmp_path)
+    for words in ("Sources by category and room", "off-screen", "silence", "Totals", "groups", "30 observations in 3"):
+        assert words in result.output
+
+
+def test_more_observations_than_the_rooms_take_is_one_line(tmp_path: Path) -> None:
+    text = message(run(tmp_path, "--parts", "part_1", homes=1, observations=3 * MOST_INDEX + 1))
+    assert "1 homes take at most 297 observations of part_1, found 298" in text
+    full, _ = drawn(Wanted(homes=1, observations=3 * MOST_INDEX, seed=1, parts=("part_1",)))
+    assert max(spec.index for spec in full.observations) == MOST_INDEX
+    most = 3 * 10 * GROUP
+    scenes, _ = drawn(Wanted(homes=1, observations=most, seed=1, parts=("part_3",)))
+    assert max(spec.index for spec in scenes.observations) <= MOST_INDEX
+    assert f"at most {most}" in message(run(tmp_path, "--parts", "part_3", homes=1, observations=most + 1))
+
+
+def test_too_few_seeds_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sample_module, "SEEDS", (100, 105))
+    with pytest.raises(UsageError, match=r"--homes 4: only 3 seeds are not used by the excluded manifests"):
+        sample(Wanted(homes=4, observations=8, seed=1), Excluded({100: "a", 104: "b", 7: "c"}, {}, {}))
+
+
+def test_a_folder_without_manifests_and_a_missing_manifest_are_one_line(tmp_path: Path) -> None:
+    assert "no manifest (*.yaml) is in this folder" in message(run(tmp_path, "--exclude", tmp_path))
+    assert "missing.yaml" in message(run(tmp_path, "--exclude", tmp_path / "missing.yaml"))
+
+
+def test_held_out_models_are_training_variants_that_no_excluded_manifest_draws(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    families = dict.fromkeys((*CATEGORIES, *DISTRACTORS), ("one", "two"))
+    monkeypatch.setattr(excluded_module, "training_variants", families.__getitem__)
+    used = {("clock", "one"): "other", ("toilet", "round"): "another"}
+    document, _ = sample(Wanted(homes=2, observations=4, seed=1, hold_out_models=True), Excluded({}, {}, used))
+    assert document["models"]["clock"] == ["two"]
+    assert document["models"]["toilet"] == ["one", "two"]
+    assert set(document["models"]) == {*CATEGORIES, *DISTRACTORS}
+    with pytest.raises(UsageError, match=r"no training variant of clock is left \(other uses all of them\)"):
+        Excluded({}, {}, used | {("clock", "two"): "other"}).held_out_models()
+
+
+def test_what_does_not_fit_is_drawn_again_in_the_same_place() -> None:
+    wanted = Wanted(homes=3, observations=30, seed=2)
+    plain, units = drawn(wanted)
+    asked: list[int] = []
+
+    def misfits(manifest: Manifest) -> list[int]:
+        asked.append(len(manifest.observations))
+        return {1: [0, 7], 2: [1]}.get(len(asked), [])
+
+    checked, again = drawn(wanted, misfits=misfits)
+    assert asked == [len(units), 2, 1]
+    assert [spec.key for spec in checked.observations] == [spec.key for spec in plain.observations]
+    differ = [number for number, (one, two) in enumerate(zip(units, again, strict=True)) if one != two]
+    assert set(differ) <= {0, 7}
+    assert 7 in differ
+    assert drawn(wanted, misfits=lambda _: ())[0] == plain
+    with pytest.raises(Avs3dError, match=r"part_1/home_\d+/\w+/1: no place in 20 draws; use another --seed"):
+        sample(wanted, NOTHING, lambda _: [0])
+
+
+def test_the_text_of_a_manifest_is_read_as_it_was_drawn(tmp_path: Path, large) -> None:
+    document, _ = sample(Wanted(homes=60, observations=600, seed=5), NOTHING)
+    path = tmp_path / "large.yaml"
+    path.write_text(manifest_text(document, "the command"))
+    assert path.read_text().startswith("# the command\nname: sampled-5\n")
+    assert read_manifest(path).manifest == large[0]
+
+
+@pytest.mark.slow
+def test_sampled_observations_fit_into_their_rooms() -> None:
+    from generators.sampling.fitting import SampleFitting
+
+    manifest, units = drawn(Wanted(homes=2, observations=20, seed=4))
+    firsts = {unit.entries[0]["index"]: unit for unit in units}
+    assert firsts
+    specs = [spec for spec in manifest.observations if spec.like is None]
+    alone = manifest.model_copy(update={"observations": tuple(specs)})
+    assert SampleFitting()(alone) == ()
+    crowded = [specs[0].model_copy(update={"room": "bathroom", "part": "part_1", "category": "washing_machine",
+                                           "instances": None, "sources": None, "background": None,
+                                           "silent": ("toilet",) * 12})]  # fmt: skip
+    assert SampleFitting()(manifest.model_copy(update={"observations": tuple(crowded)})) == (0,)
+
+
+def test_a_source_elsewhere_of_a_category_in_the_room_marks_no_object() -> None:
+    from types import SimpleNamespace
+
+    from generators.observation.generate import class_table
+    from generators.observation.parts import rules_of
+
+    def table(instance: int | None) -> list[int]:
+        source = SimpleNamespace(id="source_1", instance=instance, category="clock")
+        ready: Any = SimpleNamespace(
+            plan=SimpleNamespace(own_categories=None),
+            rules=rules_of("part_3"),
+            sources=[source],
+            arrangement=SimpleNamespace(placements=["clock", "clock"]),
+        )
+        audible: Any = [SimpleNamespace(source="source_1")]
+        return class_table(ready, audible).tolist()
+
+    clock = CATEGORIES.index("clock") + 1
+    assert table(None) == [0, 0, 0]
+    assert table(2) == [0, 0, clock]
+
+
+# models: of a manifest
+
+
+def tiny(**changes: Any) -> dict[str, Any]:
+    return {
+        "name": "tiny",
+        "seed": 1,
+        "scans": {"flat": {"source": "apartment", "seed": 3}},
+        "observations": [
+            {"part": "part_1", "scan": "flat", "room": "kitchen", "index": 1, "category": "clock", "silent": ["oven"]},
+            {"part": "part_1", "scan": "flat", "room": "kitchen", "index": 2, "category": "microwave"},
+        ],
+    } | changes
+
+
+def plans(tmp_path: Path, content: dict[str, Any]) -> tuple[Any, ...]:
+    path = tmp_path / "tiny.yaml"
+    path.write_text(yaml.safe_dump(content))
+    return make_plans(read_manifest(path), GenerateOptions(audio="analytic"))
+
+
+def test_models_restrict_what_is_drawn(tmp_path: Path) -> None:
+    from generators.observation.arrangement import choose_models
+
+    for variant in catalogue.variants("clock"):
+        plan, other = plans(tmp_path, tiny(models={"clock": [variant]}))
+        assert [model.name for model in choose_models(plan) if model.category == "clock"] == [f"clock/{variant}"]
+        assert [model.category for model in choose_models(other)] == ["microwave"]
+    usual, _ = plans(tmp_path, tiny())
+    named, _ = plans(tmp_path, tiny(models={"clock": list(catalogue.variants("clock"))}))
+    assert [m.name for m in choose_models(usual)] == [m.name for m in choose_models(named)]
+
+
+def test_models_count_in_the_digests_of_the_observations_that_draw_them(tmp_path: Path) -> None:
+    usual, empty, clocks = (plans(tmp_path, tiny(models=m)) for m in ({}, {}, {"clock": ["station"]}))
+    absent = plans(tmp_path, tiny())
+    for name in ("digest", "pictures_digest"):
+        assert [getattr(plan, name) for plan in absent] == [getattr(plan, name) for plan in empty]
+        assert getattr(usual[0], name) != getattr(clocks[0], name)
+        assert getattr(usual[1], name) == getattr(clocks[1], name)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"models": {"clock": ["pink"]}}, ["tiny: models: unknown variant 'pink' of clock", "expected one of station"]),
+        ({"models": {"clock": ["statoin"]}}, ["did you mean 'station'?"]),
+        ({"models": {"cluck": ["station"]}}, ["models", "unknown category 'cluck'", "did you mean 'clock'?"]),
+        ({"models": {"clock": []}}, ["models.clock: too few entries; expected at least 1"]),
+        ({"models": {"clock": "station"}}, ["models.clock: expected a list"]),
+        ({"models": {"clock": ["station", "station"]}}, ["models.clock: 'station' is listed twice"]),
+        (
+            {"models": {"fan": ["big"]}, "categories": {"fan": {"stands_on": ["floor"], "height": [0.4, 0.5]}}},
+            ["models.fan: fan is a category of this manifest and has no procedural models"],
+        ),
+        (
+            {"models": {"clock": ["station"]}, "objects": {"clock": [{"asset": "sketchfab/1"}]}},
+            ["models.clock: the files in objects replace the models of clock"],
+        ),
+    ],
+)
+def test_wrong_models_are_one_line(tmp_path: Path, changes: dict[str, Any], words: list[str]) -> None:
+    with pytest.raises(UsageError) as caught:
+        plans(tmp_path, tiny(**changes))
+    assert "\n" not in str(caught.value)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_a_variant_of_an_observation_must_be_among_the_models(tmp_path: Path) -> None:
+    content = tiny(models={"clock": ["station"]})
+    content["observations"][0]["variant"] = "wooden"
+    with pytest.raises(UsageError, match=r"variant 'wooden' is not among models of clock; expected one of station"):
+        plans(tmp_path, content)
+
+
+# scenes_manifest/train.yaml
+
+
+def test_the_training_manifest_shares_no_home_no_seed_and_no_model_with_any_other() -> None:
+    train = read_manifest(TRAIN).manifest
+    others = what_they_use([MANIFESTS], TRAIN)
+    assert {11, 101, 201, 401} <= set(others.homes)
+    assert len(train.scans) >= 150
+    assert len(train.observations) >= 1000
+    assert not {scan.seed for scan in train.scans.values()} & set(others.homes)
+    assert train.seed not in others.seeds
+    for category in {name for spec in train.observations for name in spec.objects}:
+        assert set(train.models[category]) <= set(catalogue.training_variants(category))
+        assert not {(category, variant) for variant in train.models[category]} & set(others.variants)
+    assert not train.objects
+    assert (train.audio, train.camera.size, train.camera.frames) == ("tracer", 252, 24)
+
+
+def test_the_command_in_the_training_manifest_makes_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copytree(MANIFESTS, tmp_path / "scenes_manifest")
+    monkeypatch.chdir(tmp_path)
+    words = shlex.split(TRAIN.read_text().splitlines()[0])
+    assert words[:4] == ["#", "avs3d", "manifest", "sample"]
+    result = CliRunner().invoke(command, [*words[3:], "-o", "scenes_manifest/train.yaml"])
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "scenes_manifest/train.yaml").read_bytes() == TRAIN.read_bytes()

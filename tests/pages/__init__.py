@@ -1,0 +1,1 @@
+"""Tests of what a newcomer meets: pages, examples, Makefile, wheel and image."""

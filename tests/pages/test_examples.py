@@ -1,0 +1,135 @@
+"""Each example of examples/ runs as a user runs it, and does what its docstring says."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from avs3d_bench.dataset import Dataset
+from baselines.trivial import write_trivial
+from evaluators.score import evaluate
+from tests.support.tiny import write_dataset
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "examples"
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_dataset(tmp_path_factory.mktemp("data") / "tiny", frames=17)
+
+
+def run(name: str, *arguments: object, folder: Path, code: int = 0) -> str:
+    """What an example prints, run in ``folder``."""
+    done = subprocess.run(
+        [sys.executable, str(EXAMPLES / name), *map(str, arguments)],
+        cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,
+        timeout=600,
+    )  # fmt: skip
+    assert done.returncode == code, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_score_a_method(tmp_path: Path, data: Path) -> None:
+    write_trivial("centre-box", Dataset(data), tmp_path / "box")
+    said = run("score_a_method.py", data, "box", folder=tmp_path)
+    scores = evaluate(tmp_path / "box", data).scores
+    for part in ("part_1", "part_2"):
+        group = scores.parts[part]
+        assert group.official is not None
+        assert group.strict is not None
+        line = re.search(rf"^{part} .*$", said, re.M)
+        assert line
+        assert f"official mIoU {group.official.mIoU:.3f}" in line[0]
+        assert f"strict IoU {group.strict.IoU:.3f}" in line[0]
+    (tmp_path / "box/part_1/tiny/kitchen/1/masks/frame_000.png").write_bytes(b"no picture")
+    assert "frame_000.png: " in run("score_a_method.py", data, "box", folder=tmp_path, code=1)
+
+
+def test_write_a_method_is_short_and_finds_something(tmp_path: Path, data: Path) -> None:
+    run("write_a_method.py", data, "mine", folder=tmp_path)
+    overall = evaluate(tmp_path / "mine", data).scores.overall.strict
+    assert overall is not None
+    assert overall.IoU is not None
+    assert overall.IoU > 0.01
+    tree = ast.parse((EXAMPLES / "write_a_method.py").read_text(encoding="utf-8"))
+    (method,) = [node for node in tree.body if isinstance(node, ast.FunctionDef)]
+    assert method.end_lineno is not None
+    assert method.end_lineno - method.lineno < 20
+
+
+@pytest.mark.slow
+def test_generate_own(tmp_path: Path) -> None:
+    pytest.importorskip("trimesh", reason="the generator needs the [generate] extra")
+    said = run("generate_own.py", "own", folder=tmp_path)
+    assert "own: valid" in said
+    (observation,) = Dataset(tmp_path / "own")
+    record = observation.record
+    assert record is not None
+    assert (record.sounding.asset, record.sound.asset) == ("machine.glb", "drum.flac")
+    low, high = np.array(record.sounding.bounds)
+    assert high[1] - low[1] == pytest.approx(0.85, abs=1e-3)
+    assert any(frame.visible_pixels for frame in record.frames)
+
+
+@pytest.mark.slow
+def test_train_on_it(tmp_path: Path, data: Path) -> None:
+    pytest.importorskip("torch", reason="training needs torch, of the [baselines] extra")
+    said = run("train_on_it.py", data, "trained", "--steps", 20, folder=tmp_path)
+    found = re.search(r"^loss (\S+) → (\S+) in 20 steps$", said, re.M)
+    assert found
+    assert float(found[2]) < 0.9 * float(found[1])
+    assert evaluate(tmp_path / "trained", data).scores.dataset.scored == 2
+
+
+@pytest.mark.slow
+def test_the_tour_runs(tmp_path: Path, data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("matplotlib", reason="the plots need matplotlib, of the [plot] extra")
+    nbformat = pytest.importorskip("nbformat", reason="notebooks are run with nbclient, of the [dev] extra")
+    nbclient = pytest.importorskip("nbclient", reason="notebooks are run with nbclient, of the [dev] extra")
+    pytest.importorskip("ipykernel", reason="notebooks are run in ipykernel, of the [dev] extra")
+    monkeypatch.setenv("AVS3D_DATASET", str(data))
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    notebook = nbformat.read(EXAMPLES / "tour.ipynb", as_version=4)
+    nbclient.NotebookClient(
+        notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}
+    ).execute()
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    assert sum("image/jpeg" in output.get("data", {}) for output in outputs) == 3
+    printed = "".join(output.get("text", "") for output in outputs)
+    overall = evaluate(write_trivial("all-white", Dataset(data), tmp_path / "white").path, data).scores.overall.strict
+    assert overall is not None
+    assert f"all_white     strict IoU {overall.IoU:.3f}" in printed
+
+
+def test_the_tour_is_committed_with_its_pictures() -> None:
+    file = EXAMPLES / "tour.ipynb"
+    assert file.stat().st_size < 300_000
+    cells = [cell for cell in json.loads(file.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == "code"]
+    assert [cell["execution_count"] for cell in cells] == list(range(1, len(cells) + 1))
+    outputs = [output for cell in cells for output in cell["outputs"]]
+    assert all(output["output_type"] in ("stream", "display_data", "execute_result") for output in outputs)
+    assert sum("image/jpeg" in output.get("data", {}) for output in outputs) == 3
+    (last,) = cells[-1]["outputs"]
+    values = [float(line.split()[-1]) for line in last["text"]]
+    assert values[0] > max(values[1:])  # the method of the tour beats those that do not listen
+    assert not re.search(r"/(home|tmp|root|work)/", "".join(str(output.get("text", "")) for output in outputs))
+
+
+def test_the_examples_are_listed() -> None:
+    """Every script is run by a test of this module and named in the README's section on examples."""
+    here = Path(__file__).read_text(encoding="utf-8")
+    names = [path.name for path in EXAMPLES.iterdir() if path.suffix in (".py", ".ipynb")]
+    assert len(names) >= 4
+    page = (EXAMPLES / "README.md").read_text(encoding="utf-8")
+    for name in names:
+        assert f'"{name}"' in here
+        assert f"({name})" in page

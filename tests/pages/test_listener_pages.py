@@ -1,0 +1,46 @@
+"""What the tables of the listener say besides the figures: pairs of twins, and how rows were made."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from avs3d_bench.contract.scores import Scores
+from benchmarks.listener_summary import pair_accuracy_of, settings_lines, settings_text, twin_pairs
+
+RESULTS = Path(__file__).parents[2] / "docs/results"
+
+
+def scores(name: str) -> Scores:
+    return Scores.model_validate_json((RESULTS / f"listener-{name}.json").read_bytes())
+
+
+def test_pairs_of_twins_are_siblings_in_which_one_object_of_a_category_sounds_alone() -> None:
+    pairs = twin_pairs("listen")
+    assert pairs
+    assert all(len({key.rpartition("/")[0] for key in pair}) == 1 for pair in pairs)
+    assert twin_pairs("nowhere") == frozenset()
+
+
+def test_the_pair_accuracy_of_some_pairs_is_a_mean_over_groups() -> None:
+    found = scores("listen-2d")
+    every = {frozenset((pair.first, pair.second)) for group in found.siblings or () for pair in group.pairs}
+    assert found.overall.listen is not None
+    assert pair_accuracy_of(found, every) == pytest.approx(found.overall.listen.pair_accuracy, abs=1e-8)
+    assert pair_accuracy_of(found, ()) is None
+
+
+def test_settings_that_differ_between_rows_are_said() -> None:
+    one = {"looks": "one", "weights": "x", "only": []}
+    many = {"looks": "several", "iterations": 800, "max_gaussians": 300_000, "voting_threshold": 0.3}
+    assert settings_text({"only": []}) == ""
+    assert settings_text(one) == "one look"
+    votes = "at most 300,000 Gaussians, votes above .3 of all votes"
+    assert settings_text(many) == f"several looks, 800 iterations, {votes}"
+    lines = settings_lines({"2d": {"a": one, "b": one}, "spatial": {"a": many, "b": {**many, "iterations": 900}}})
+    assert lines[2:-1] == [
+        "- listener, 2D: one look",
+        f"- listener + EchoSegnet spatial (a): several looks, 800 iterations, {votes}",
+        f"- listener + EchoSegnet spatial (b): several looks, 900 iterations, {votes}",
+    ]

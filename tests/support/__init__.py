@@ -1,0 +1,1 @@
+"""Helpers of the tests: small datasets, rooms, servers, falsifications."""
