@@ -408,9 +408,9 @@ class Observation:
         return self.record.category if self.record else None
 
     @property
-    def is_sound_scene(self) -> bool:
+    def is_part_3(self) -> bool:
         """Whether it belongs to part_3."""
-        return self.place.is_sound_scene
+        return self.place.is_part_3
 
     @cached_property
     def group(self) -> str | None:
@@ -418,7 +418,7 @@ class Observation:
 
         A sealed test does not tell which of the siblings was first: there, the first by key with these pictures.
         """
-        if not self.is_sound_scene:
+        if not self.is_part_3:
             return None
         if self.published is None:
             return self.record.group if self.record else None

@@ -30,7 +30,7 @@ from pydantic import ValidationError
 
 from avs3d_bench.contract import layout
 from avs3d_bench.contract.schema import ProvenanceRecord, Scalar, SubmissionRecord, describe
-from avs3d_bench.contract.taxonomy import SOUND_SCENES, class_ids
+from avs3d_bench.contract.taxonomy import PART_3, class_ids
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats.files import write_json
@@ -169,8 +169,8 @@ class SubmissionFolder:
         size = frame_size(frame)
         marked = as_mask(mask, size, where)
         if categories is not None:
-            if not frame.observation.is_sound_scene:
-                raise UsageError(f"{where}: class ids belong to {SOUND_SCENES}; leave out categories")
+            if not frame.observation.is_part_3:
+                raise UsageError(f"{where}: class ids belong to {PART_3}; leave out categories")
             record = frame.observation.record
             named = as_categories(categories, size, record.class_ids if record else class_ids(), where)
             write_png_categories(self.categories_path(key, frame.name), named)
@@ -339,13 +339,13 @@ class SubmissionWriter:
                 f"{self.path}: not written: no points for {_some(without)}; expected points for every observation or "
                 "none (an empty cloud says that nothing was found)"
             )
-        scenes = [frame for o in self.observations if o.is_sound_scene for frame in o.test]
+        scenes = [frame for o in self.observations if o.is_part_3 for frame in o.test]
         bare = [f for f in scenes if not self.folder.categories_path(f.observation.key, f.name).exists()]
         if 0 < len(bare) < len(scenes):
             names = _some([f"{frame.observation.key}/{frame.name}" for frame in bare])
             raise Avs3dError(
                 f"{self.path}: not written: no class ids for {names}; expected categories for every test frame of "
-                f"{SOUND_SCENES} or for none"
+                f"{PART_3} or for none"
             )
         # Only a worker that was killed in the middle of a file can have left one.
         for leftover in self.folder.root.rglob(".*.tmp"):

@@ -120,7 +120,7 @@ def _group(observation: Observation) -> str:
     Raises:
         UsageError: if it has none, or no instance masks.
     """
-    if not observation.is_sound_scene:
+    if not observation.is_part_3:
         raise UsageError(
             f"{observation.key}: --deaf compares siblings, which only part_3 has; use --instance category, or --only "
             "'part_3/*'"

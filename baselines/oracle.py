@@ -79,11 +79,11 @@ def oracle_prediction(frame: Frame, *, instance: Instance, errors: ErrorModel = 
     elif instance == "category" or errors.swap or errors.confuse:
         marked = paint(frame.instance_ids(), _marked(frame, instance=instance, errors=errors))
         mask, classes = _outlined(marked > 0, marked, errors)
-    elif observation.is_sound_scene and (observation.path / layout.CATEGORY_MASKS).is_dir():
+    elif observation.is_part_3 and (observation.path / layout.CATEGORY_MASKS).is_dir():
         mask, classes = _outlined(frame.mask(), frame.category_mask(), errors)
     else:
         mask = errors.outline(frame.mask())
-    return Prediction(mask, classes if observation.is_sound_scene else None)
+    return Prediction(mask, classes if observation.is_part_3 else None)
 
 
 def paint(instances: NDArray[np.uint16], classes: Mapping[int, int]) -> NDArray[np.uint8]:

@@ -132,7 +132,7 @@ def main(root: Path, workers: int | None, report: Path | None) -> None:
     """Print what guesses reach on part_3 of ROOT: means over groups, as `pair_accuracy`."""
     groups: dict[str, list[str]] = {}
     for observation in Dataset(root):
-        if observation.is_sound_scene:
+        if observation.is_part_3:
             groups.setdefault(observation.group_key, []).append(observation.key)
     if not groups:
         raise click.UsageError(f"{root}: no observation of part_3")

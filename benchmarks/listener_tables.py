@@ -259,7 +259,7 @@ def run_all(roots: dict[str, Path], rows: Iterable[Row], plan: Plan) -> list[str
             dataset = Dataset(root)
             document["datasets"][label] = {"name": dataset.name, "version": dataset.record and dataset.record.version}
             name = f"{label}-{row.name}"
-            if row.scenes and not all(observation.is_sound_scene for observation in dataset):
+            if row.scenes and not all(observation.is_part_3 for observation in dataset):
                 continue
             if is_current(plan.scores(label, row), document["rows"].get(name), dataset, plan.said(row)):
                 click.echo(f"{name}: there already")

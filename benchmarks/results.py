@@ -59,9 +59,9 @@ def train_one(context: Context, job: TrainJob) -> dict[str, Any]:
     import torch
 
     from baselines.echosegnet.cache import Stages
+    from baselines.echosegnet.heard_categories import work_folder
     from baselines.echosegnet.jobs import device_of
     from baselines.echosegnet.pictures import view_psnr
-    from baselines.echosegnet.sound_scenes import work_folder
     from baselines.echosegnet.train import TrainingState
     from baselines.echosegnet.training_stage import trained
     from baselines.echosegnet.views import load_views, test_views, train_views
@@ -107,9 +107,9 @@ def train_all(
     """
     import torch
 
+    from baselines.echosegnet.heard_categories import work_folder
     from baselines.echosegnet.jobs import run_each, spread
     from baselines.echosegnet.rasteriser.default import default_rasteriser
-    from baselines.echosegnet.sound_scenes import work_folder
 
     # Siblings have the same pictures and the same folder.
     keys = list({work_folder(work, one): one.key for one in reversed(dataset.select(*only))}.values())[::-1]

@@ -112,9 +112,9 @@ def load_cases(public: Path, private: Path) -> list[Case]:
     cases = [
         dataclasses.replace(case, template=template)
         for record in records
-        if not record.is_sound_scene and (case := _objects(public, private, record))
+        if not record.is_part_3 and (case := _objects(public, private, record))
     ]
-    return [*cases, *_siblings(public, private, [record for record in records if record.is_sound_scene])]
+    return [*cases, *_siblings(public, private, [record for record in records if record.is_part_3])]
 
 
 def _objects(public: Path, private: Path, record: ObservationRecord) -> Case | None:

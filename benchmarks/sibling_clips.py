@@ -146,7 +146,7 @@ def main(manifest: Path, audio: str | None, frames: int, only: tuple[str, ...], 
     groups: dict[str, list[ObservationPlan]] = {}
     options = GenerateOptions(only=only, audio=cast(Audio | None, audio), frames=frames, size=64)
     for plan in make_plans(read_manifest(manifest), options):
-        if plan.spec.is_sound_scene:
+        if plan.spec.is_part_3:
             groups.setdefault(plan.spec.like or plan.key, []).append(plan)
     with tempfile.TemporaryDirectory(prefix="avs3d-siblings-") as folder, ProcessPoolExecutor(workers) as pool:
         root = out or Path(folder)

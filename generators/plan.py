@@ -133,12 +133,12 @@ class ObservationPlan:
     @property
     def own_key(self) -> str:
         """The key from which `own_rng` derives."""
-        return self.spec.variant_of or (self.key if self.spec.is_sound_scene else self.spec.like or self.key)
+        return self.spec.variant_of or (self.key if self.spec.is_part_3 else self.spec.like or self.key)
 
     @property
     def acoustic_seed(self) -> int | None:
         """Seed of the acoustic engine: that of a sibling is its own; None, the engine's usual one, in other parts."""
-        return int(self.own_rng("acoustics").integers(ENGINE_SEEDS)) if self.spec.is_sound_scene else None
+        return int(self.own_rng("acoustics").integers(ENGINE_SEEDS)) if self.spec.is_part_3 else None
 
     @property
     def keeps_stems(self) -> bool:
@@ -323,7 +323,7 @@ def takes_of(manifest: Manifest) -> dict[str, dict[str, Takes]]:
     found: dict[str, dict[str, Takes]] = {}
     groups: dict[str, list[ObservationSpec]] = {}
     for spec in sorted(manifest.observations, key=lambda spec: spec.index):
-        if spec.is_sound_scene and spec.variant_of is None:
+        if spec.is_part_3 and spec.variant_of is None:
             groups.setdefault(spec.like or spec.key, []).append(spec)
     for group in groups.values():
         names = {spec.key: [source.category for source in spec.sources or ()] for spec in group}

@@ -14,7 +14,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
-from avs3d_bench.contract.taxonomy import PARTS, SOUND_SCENES, check_room
+from avs3d_bench.contract.taxonomy import PART_3, PARTS, check_room
 from avs3d_bench.errors import Avs3dError, UsageError
 
 DATASET_JSON = "dataset.json"
@@ -122,9 +122,9 @@ class ObservationKey:
         return f"{self.part}/{self.scan}/{self.room}/{self.index}"
 
     @property
-    def is_sound_scene(self) -> bool:
+    def is_part_3(self) -> bool:
         """Whether it belongs to part_3."""
-        return self.part == SOUND_SCENES
+        return self.part == PART_3
 
 
 def observation_key(part: str, scan: str, room: str, index: int) -> str:
@@ -241,7 +241,7 @@ def stem_path(name: str, index: int, receiver: str | None = None) -> str:
 
 
 @dataclass(frozen=True)
-class SoundScene:
+class Part3Contents:
     """Facts that decide which files a part_3 observation has, beside its number of frames.
 
     Attributes:
@@ -301,7 +301,7 @@ def expected_files(
     *,
     depth: bool = False,
     rirs: bool = False,
-    sound_scene: SoundScene | None = None,
+    part_3: Part3Contents | None = None,
     receivers: Iterable[str] = (),
 ) -> tuple[str, ...]:
     """Every file of an observation with ``frames`` frames, relative, sorted; ``observation.json`` excluded.
@@ -310,17 +310,17 @@ def expected_files(
         frames: number of frames.
         depth: whether depth pictures are kept.
         rirs: whether impulse responses are kept.
-        sound_scene: of an observation of part_3; None for the other parts.
+        part_3: of an observation of part_3; None for the other parts.
         receivers: those of `RECEIVERS` that hear it, beside the two ears.
     """
     files = [SPLITS_JSON, *COLMAP_FILES]
-    if sound_scene is None or sound_scene.in_room:
+    if part_3 is None or part_3.in_room:
         files.append(SOUNDING_OBJECT)
     folders = [INPUT, IMAGES, SEMANTIC_MASKS, INSTANCE_MASKS] + ([DEPTH] if depth else [])
-    if sound_scene is not None:
+    if part_3 is not None:
         folders.append(CATEGORY_MASKS)
-    responses: tuple[str | None, ...] = () if not rirs else (None,) if sound_scene is None else sound_scene.sources
-    stems = sound_scene.stem_names if sound_scene else ()
+    responses: tuple[str | None, ...] = () if not rirs else (None,) if part_3 is None else part_3.sources
+    stems = part_3.stem_names if part_3 else ()
     for index in range(frames):
         files += [image_path(folder, index) for folder in folders]
         files.append(audio_path(MONO, index))

@@ -28,7 +28,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from avs3d_bench import __version__
 from avs3d_bench.contract import layout
-from avs3d_bench.contract.taxonomy import CATEGORIES, CATEGORY_PATTERN, DISTRACTORS, SOUND_SCENES, class_ids
+from avs3d_bench.contract.taxonomy import CATEGORIES, CATEGORY_PATTERN, DISTRACTORS, PART_3, class_ids
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
 from avs3d_bench.text.printable import printable
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 #: Versions of the file formats: 1.1 adds part_3 and categories of one's own; files without either are still 1.0.
 SCHEMA_VERSION: Final = "1.0"
-SOUND_SCENES_VERSION: Final = "1.1"
+PART_3_VERSION: Final = "1.1"
 
 Part = Literal["part_1", "part_2", "part_3"]
 Room = Literal["bathroom", "kitchen", "living_room"]
@@ -407,9 +407,9 @@ class FrameRecord(Record):
 class ObservationRecord(Record):
     """`observation.json`: one observation with all its frames and files."""
 
-    sound_scene_fields: ClassVar[tuple[str, ...]] = ("sources", "background", "group")
+    part_3_fields: ClassVar[tuple[str, ...]] = ("sources", "background", "group")
     left_out: ClassVar[frozenset[str]] = frozenset(
-        {"variant_of", "source_motion", "sizes", "categories", "device", *sound_scene_fields}
+        {"variant_of", "source_motion", "sizes", "categories", "device", *part_3_fields}
     )
 
     schema_version: Literal["1.0", "1.1"] = Field(
@@ -467,8 +467,8 @@ class ObservationRecord(Record):
     )
 
     def omitted(self) -> frozenset[str]:
-        """The fields that are not written if they are None; a sound scene says that it has no background."""
-        return self.left_out - {"background"} if self.is_sound_scene else self.left_out
+        """The fields that are not written if they are None; a part_3 observation says that it has no background."""
+        return self.left_out - {"background"} if self.is_part_3 else self.left_out
 
     @property
     def made_with(self) -> tuple[tuple[str, str], ...]:
@@ -477,9 +477,9 @@ class ObservationRecord(Record):
         return (*engines, (f"device {self.device.name}", self.device.version)) if self.device else engines
 
     @property
-    def is_sound_scene(self) -> bool:
+    def is_part_3(self) -> bool:
         """Whether this is an observation of part_3."""
-        return self.part == SOUND_SCENES
+        return self.part == PART_3
 
     @property
     def sounding(self) -> InstanceRecord:
@@ -588,8 +588,8 @@ class ObservationRecord(Record):
         if len(set(ids)) != len(ids):
             raise ValueError(f"instance ids {ids} are not unique")
         self._check_categories()
-        if self.is_sound_scene:
-            self._check_sound_scene()
+        if self.is_part_3:
+            self._check_part_3()
         else:
             self._check_one_source()
         for position, frame in enumerate(self.frames):
@@ -615,13 +615,13 @@ class ObservationRecord(Record):
         unknown |= set() if self.category is None else {self.category} - sound
         if unknown:
             raise ValueError(f"unknown category {min(unknown)!r}; expected one of {', '.join(sorted(silent))}")
-        version = SOUND_SCENES_VERSION if self.is_sound_scene or own else SCHEMA_VERSION
+        version = PART_3_VERSION if self.is_part_3 or own else SCHEMA_VERSION
         if self.schema_version != version:
             raise ValueError(f"schema_version is {self.schema_version}, expected {version}")
 
     def _check_one_source(self) -> None:
         """Check the rules of part_1 and part_2: one source, an instance of the room, that sounds all the time."""
-        given = [name for name in self.sound_scene_fields if getattr(self, name) is not None]
+        given = [name for name in self.part_3_fields if getattr(self, name) is not None]
         if given:
             raise ValueError(f"{given[0]} belongs to part_3, but part is {self.part}")
         if self.category is None or self.source_position is None:
@@ -639,7 +639,7 @@ class ObservationRecord(Record):
             if frame.azimuth is None or frame.audible is not None:
                 raise ValueError(f"{frame.name}: expected azimuth, elevation, distance and line_of_sight, no audible")
 
-    def _check_sound_scene(self) -> None:
+    def _check_part_3(self) -> None:
         """Check the rules of part_3."""
         if self.sources is None or self.group is None:
             raise ValueError("sources or group is missing; an observation of part_3 has both")
@@ -845,10 +845,10 @@ class DatasetRecord(Record):
                 raise ValueError(f"key {entry.key!r} does not fit its part, scan and room: expected {head}<index>")
             if self.sealed_test and entry.category is not None:
                 raise ValueError(f"{entry.key}: has a category, but the test is sealed: expected null")
-            if entry.category is None and entry.part != SOUND_SCENES and not self.sealed_test:
+            if entry.category is None and entry.part != PART_3 and not self.sealed_test:
                 raise ValueError(f"{entry.key}: category is missing; only an observation of part_3 may have none")
-        newer = bool(self.categories) or any(entry.part == SOUND_SCENES for entry in self.observations)
-        expected = SOUND_SCENES_VERSION if newer else SCHEMA_VERSION
+        newer = bool(self.categories) or any(entry.part == PART_3 for entry in self.observations)
+        expected = PART_3_VERSION if newer else SCHEMA_VERSION
         if self.schema_version != expected:
             raise ValueError(f"schema_version is {self.schema_version}, expected {expected}")
         return self

@@ -135,7 +135,7 @@ class StrictObservation(StrictScore):
 
 
 class ListenScore(Record):
-    """Whether a method listens: figures of the sound scenes of part_3 (protocol ``listen``)."""
+    """Whether a method listens: figures of the part_3 observations (protocol ``listen``)."""
 
     pair_accuracy: Share | None
     IoU: Share | None

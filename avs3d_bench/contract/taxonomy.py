@@ -23,10 +23,10 @@ CATEGORIES = (
 #: Categories that are always silent (the paper's hard case: an oven beside a sounding microwave).
 DISTRACTORS = ("oven",)
 ROOMS = ("bathroom", "kitchen", "living_room")
-#: part_1: one instance of the category that sounds; part_2: several, one sounds; part_3: sound scenes (any number of
-#: sources, programmes, off-screen sound, silence).
-SOUND_SCENES = "part_3"
-PARTS = ("part_1", "part_2", SOUND_SCENES)
+#: part_1: one instance of the category that sounds; part_2: several, one sounds; part_3: any number of
+#: sources, with programmes, off-screen sound, silence.
+PART_3 = "part_3"
+PARTS = ("part_1", "part_2", PART_3)
 #: What a category is called: a name of its own must fit this, too.
 CATEGORY_PATTERN = r"^[a-z][a-z0-9_]{0,63}$"
 #: Largest number of names that a message lists.

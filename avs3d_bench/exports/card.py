@@ -43,7 +43,7 @@ _SIZES = (
 
 
 @dataclass(frozen=True)
-class SceneFacts:
+class Part3Facts:
     """Facts that only a part_3 observation has.
 
     Attributes:
@@ -65,7 +65,7 @@ class SceneFacts:
     snr: tuple[float, ...]
 
     @classmethod
-    def of(cls, record: ObservationRecord) -> SceneFacts | None:
+    def of(cls, record: ObservationRecord) -> Part3Facts | None:
         """The facts of a record; None in the other parts."""
         if record.sources is None or record.group is None:
             return None
@@ -103,7 +103,7 @@ class ObservationFacts:
     silent: tuple[str, ...]
     acoustics: str | None
     vision: str | None
-    scene: SceneFacts | None = None
+    scene: Part3Facts | None = None
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ def gather(dataset: Dataset, keys: Sequence[str]) -> CardFacts:
                 silent=tuple(sorted(i.category for i in record.instances if not i.sounding)) if record else (),
                 acoustics=f"{record.acoustics.backend} {record.acoustics.version}" if record else None,
                 vision=f"{record.vision.backend} {record.vision.version}" if record else None,
-                scene=SceneFacts.of(record) if record else None,
+                scene=Part3Facts.of(record) if record else None,
             )
         )  # fmt: skip
         for name, kind in file_kinds(observation, tuple(ALL_KINDS)).items():
@@ -174,7 +174,7 @@ def card_text(facts: CardFacts, *, configs: Mapping[str, Mapping[str, str]] | No
         _front_matter(facts, configs),
         _opening(facts),
         _contents(facts),
-        _sound_scenes(facts),
+        _part_3(facts),
         _rooms_and_sound(facts),
         _files(facts),
         _loading(facts, configs),
@@ -243,7 +243,7 @@ def _opening(facts: CardFacts) -> str:
         )
     if any(o.scene for o in observations):
         extra += (
-            " `part_3` holds sound scenes: groups of observations with the same pictures that differ in what sounds, "
+            " `part_3` holds groups of observations with the same pictures that differ in what sounds, "
             "several sources, sound from the next room, background and silence included."
         )
     return (
@@ -261,7 +261,7 @@ def _contents(facts: CardFacts) -> str:
     what = {
         "part_1": "one instance of the category",
         "part_2": "several identical instances, one sounds",
-        "part_3": "sound scenes: several sources, off-screen sound, silence",
+        "part_3": "several sources, off-screen sound, silence",
     }
     for part in PARTS:
         mine = [o for o in facts.observations if o.part == part]
@@ -298,7 +298,7 @@ def _sounding(observation: ObservationFacts) -> set[str]:
     return {observation.category} if observation.category else set()
 
 
-def _sound_scenes(facts: CardFacts) -> str:
+def _part_3(facts: CardFacts) -> str:
     """Statistics of part_3; empty where there is none."""
     scenes = [o.scene for o in facts.observations if o.scene is not None]
     if not scenes:
@@ -326,7 +326,7 @@ def _sound_scenes(facts: CardFacts) -> str:
     snr = [level for scene in scenes for level in scene.snr]
     if snr:
         rows.append(("SNR of audible sources, least – median – most (dB)", _spread(snr, ".1f")))
-    return "## Sound scenes\n\n" + table(("of `part_3`", "number"), rows)
+    return "## Part 3\n\n" + table(("of `part_3`", "number"), rows)
 
 
 def _spread(values: Sequence[float], style: str) -> str:

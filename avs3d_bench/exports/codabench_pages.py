@@ -11,7 +11,7 @@ from avs3d_bench import __version__
 from avs3d_bench.contract import layout
 from avs3d_bench.contract.competition import DECIMALS, Column
 from avs3d_bench.contract.scores import METRICS
-from avs3d_bench.contract.taxonomy import SOUND_SCENES
+from avs3d_bench.contract.taxonomy import PART_3
 
 #: Side of the drawn picture (pixels).
 _SIDE = 256
@@ -61,7 +61,7 @@ def _overview(facts: CompetitionFacts) -> str:
         "An agent walks through a home with a camera and two ears. For each test frame, mark the pixels of the object "
         "that sounds."
     )
-    if SOUND_SCENES in facts.parts:
+    if PART_3 in facts.parts:
         task += (
             " In part_3 several objects may sound, or none: mark all that is audible and visible. Observations of a "
             "group have the same pictures and different sound, so that a method that does not listen cannot be right "
@@ -117,10 +117,10 @@ def _evaluation(facts: CompetitionFacts) -> str:
         f"| {m.protocol} {m.title} | {'higher' if m.higher_is_better else 'lower'} | {m.meaning} |"
         for m in (known[pair] for pair in names)
     )
-    scenes = f"\n{_scene_files()}" if SOUND_SCENES in facts.parts else ""
+    scenes = f"\n{_scene_files()}" if PART_3 in facts.parts else ""
     groups = (
         " In part_3, pair accuracy is a mean over groups of siblings, and intervals are over groups."
-        if SOUND_SCENES in facts.parts
+        if PART_3 in facts.parts
         else ""
     )
     said = f'{{"method": "…", "dataset": "{facts.dataset}", "dataset_version": "{facts.version or "unversioned"}"}}'

@@ -6,8 +6,8 @@ Paths are relative to the dataset's root, so the file belongs there. Records:
 |-----------------------------------------|------------------------|--------------------------------------------------|
 | `observations`                          | dataset.json           | observation (of the release: listed in the file) |
 | `frames` (not of the release)           | observation.json       | frame: pose, azimuth, distance, level, …         |
-| `groups` (of part_3)                    | this description       | sound scene: whose pictures it shares            |
-| `sources` (of part_3)                   | observation.json       | source of a sound scene                          |
+| `groups` (of part_3)                    | this description       | first of a group, whose pictures it shares       |
+| `sources` (of part_3)                   | observation.json       | source of a part_3 observation                   |
 | `rgb`, `masks`, `instance_masks`, `depth` | the folder of pictures | picture, with its observation and frame        |
 | `category_masks` (of part_3)            | the same               | the same                                         |
 | `binaural`, `mono`                      | the folder of clips    | clip, with its observation and frame             |
@@ -34,7 +34,7 @@ from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import UsageError
 from avs3d_bench.exports.card import hub_licence
 from avs3d_bench.exports.citation import ARXIV, AUTHORS, BIBTEX, PAPER
-from avs3d_bench.exports.samples import ALL_KINDS, check_output, file_kinds, has_sound_scenes, select
+from avs3d_bench.exports.samples import ALL_KINDS, check_output, file_kinds, has_part_3, select
 from avs3d_bench.exports.signatures import CROISSANT
 from avs3d_bench.formats import media
 
@@ -89,7 +89,7 @@ _ENTRY_FIELDS = {
 #: The same of a dataset with part_3.
 _SCENE_ENTRY_FIELDS = {
     "category": "Category of the sounding object; in part_3 that of the first source, null if there is none",
-    "part": "part_1: one instance of the category; part_2: several, one sounds; part_3: sound scenes",
+    "part": "part_1: one instance of the category; part_2: several, one sounds; part_3: several sources, or none",
 }
 _SETS = {"rgb": "rgb", "mask": "masks", "instances": "instance_masks", "categories": "category_masks",
          "depth": "depth", "binaural": "binaural", "mono": "mono", "stems": "stems",
@@ -154,11 +154,11 @@ def description(dataset: Dataset, keys: Sequence[str], *, url: str | None = None
         files.append(_file_set("mesh-files", meshes, "application/octet-stream", "Mesh of the sounding instance, PLY"))
     colmap = f"{_OBSERVATION}/{layout.COLMAP}/*.bin"
     files.append(_file_set("colmap-files", colmap, "application/octet-stream", "COLMAP model from the true poses"))
-    scenes = has_sound_scenes(keys)
+    scenes = has_part_3(keys)
     if scenes:
         # A set of its own: readers expect all lists that they take from one set of files to be of one length.
         pattern = f"part_3/*/*/*/{layout.OBSERVATION_JSON}"
-        files.append(_file_set("scene-files", pattern, "application/json", "Record of each sound scene"))
+        files.append(_file_set("scene-files", pattern, "application/json", "Record of each part_3 observation"))
     if "stems" in kinds:
         pattern = f"part_3/*/*/*/{layout.STEMS}/*/frame_*.wav"
         files.append(_file_set("stems-files", pattern, _FORMATS["wav"], ALL_KINDS["stems"].what))
@@ -330,7 +330,7 @@ def _groups(dataset: Dataset, keys: Sequence[str]) -> Json:
     rows = [
         {"groups/observation": key, "groups/group": group} for key in keys if (group := dataset[key].group) is not None
     ]
-    text = "One record per sound scene (part_3): those of a group differ in sound alone"
+    text = "One record per part_3 observation: those of a group differ in sound alone"
     return _record_set("groups", text, ["observation"], fields, data=rows)
 
 
@@ -342,7 +342,7 @@ def _sources() -> Json:
         source = {"fileSet": {"@id": "scene-files"}, "extract": {"jsonPath": f"$.sources[*].{name}"}}
         field = _field("sources", name, kind, what, source)
         fields.append(field | ({} if length is None else {"isArray": True, "arrayShape": str(length)}))
-    what = "One record per source of the sound scenes (part_3)"
+    what = "One record per source of the part_3 observations"
     return _record_set("sources", what, ["observation", "id"], fields)
 
 

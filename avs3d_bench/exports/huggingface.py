@@ -30,15 +30,15 @@ from avs3d_bench.exports.card import card_text, gather
 from avs3d_bench.exports.samples import (
     ALL_KINDS,
     KINDS,
-    SCENE_KINDS,
+    PART_3_KINDS,
     Sample,
     check_extras,
     check_split,
     described,
-    has_sound_scenes,
+    has_part_3,
     instance_facts,
+    part_3_facts,
     receiver_facts,
-    scene_facts,
     select,
 )
 from avs3d_bench.exports.shards import ShardFormat, ShardIndex, export_shards
@@ -176,9 +176,9 @@ def observation_row(observation: Observation) -> dict[str, Any]:
     if record is None:
         return row
     scene: dict[str, Any] = {}
-    if record.is_sound_scene:
+    if record.is_part_3:
         licences = [source.licence for source in record.sources or ()]
-        scene = {name: value for name, value in scene_facts(record, record.frames[0]).items() if name != "audible"}
+        scene = {name: value for name, value in part_3_facts(record, record.frames[0]).items() if name != "audible"}
         scene["sources"] = [
             facts | {"licence": licence.name, "author": licence.author, "source": licence.source}
             for facts, licence in zip(scene["sources"], licences, strict=True)
@@ -257,10 +257,10 @@ def write_huggingface(
         import pyarrow as pa
         from pyarrow import parquet
     versions = f"pyarrow {pa.__version__}, datasets {hub.__version__}"
-    scenes = has_sound_scenes(keys)
+    scenes = has_part_3(keys)
     revision = f"huggingface 1, {versions}, {' '.join(wanted)}{' and part_3' if scenes else ''}"
     style = ShardFormat("huggingface", revision, _room, partial(write_parquet, wanted, scenes), _name)
-    facts, held = gather(dataset, keys), (*KINDS, *SCENE_KINDS, *wanted)
+    facts, held = gather(dataset, keys), (*KINDS, *PART_3_KINDS, *wanted)
     facts = replace(facts, sizes={name: size for name, size in facts.sizes.items() if name in held})
 
     def finish(target: Path, index: ShardIndex) -> None:

@@ -3,7 +3,7 @@
 A sample's key is ``<observation key>/<frame name>``, e.g. ``part_1/apartment_1/kitchen/1/frame_007``. Pictures and
 sound are never re-encoded. What an observation does not have (the official release has no observation.json, instance
 masks, …) is absent from its samples: no member, and None in the facts. Samples of part_3 have more facts
-(`scene_facts`) and members (the category mask, stems); those of the other parts do not depend on whether there are any.
+(`part_3_facts`) and members (the category mask, stems); those of the other parts do not depend on them.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ KINDS = {
     "instances": FileKind(layout.INSTANCE_MASKS, "instances.png", "instance ids, grey, 8 or 16 bit, 0 = the home"),
 }
 #: The same of part_3 alone; its ``mask`` marks every audible instance.
-SCENE_KINDS = {
+PART_3_KINDS = {
     "categories": FileKind(
         layout.CATEGORY_MASKS, "categories.png", "class ids of the audible instances, grey, 0 = none"
     ),
@@ -91,7 +91,7 @@ EXTRA_KINDS = {
         layout.clips_folder(layout.ARRAY), "array.wav", "one second of a microphone array, 44.1 kHz, a channel each"
     ),
 }
-ALL_KINDS = KINDS | SCENE_KINDS | EXTRA_KINDS
+ALL_KINDS = KINDS | PART_3_KINDS | EXTRA_KINDS
 _RELEASE_RGB = FileKind(layout.IMAGES, "rgb.png", KINDS["rgb"].what)
 
 
@@ -204,9 +204,9 @@ def frames_of(observation: Observation, split: SplitChoice) -> tuple[Frame, ...]
     return tuple(frame for frame in observation.frames if split in ("all", frame.split))
 
 
-def has_sound_scenes(keys: Iterable[str]) -> bool:
+def has_part_3(keys: Iterable[str]) -> bool:
     """Whether an observation of part_3 is among these."""
-    return any(layout.parse_key(key).is_sound_scene for key in keys)
+    return any(layout.parse_key(key).is_part_3 for key in keys)
 
 
 def described(kinds: Mapping[str, FileKind]) -> dict[str, str]:
@@ -239,7 +239,7 @@ def kinds_among(
         kind = ALL_KINDS[name]
         if name == "rgb" and not there(kind.folder):
             kind = _RELEASE_RGB
-        if name in _PER_SOURCE and record is not None and record.is_sound_scene:
+        if name in _PER_SOURCE and record is not None and record.is_part_3:
             sources = tuple(source.id for source in record.sources or ())
             noise = (layout.BACKGROUND,) if name == "stems" and record.background is not None else ()
             kind = replace(kind, sources=sources + noise)
@@ -259,7 +259,7 @@ def samples_of(
     Raises:
         Avs3dError: if a frame lacks a file of a kind that its observation has.
     """
-    kinds = file_kinds(observation, (*KINDS, *SCENE_KINDS, *check_extras(extras)))
+    kinds = file_kinds(observation, (*KINDS, *PART_3_KINDS, *check_extras(extras)))
     recorded = observation.record.files if observation.record else {}
     out = []
     for frame in frames_of(observation, split):
@@ -314,7 +314,7 @@ def source_facts(source: SourceRecord) -> dict[str, Any]:
     }
 
 
-def scene_facts(record: ObservationRecord, frame: FrameRecord) -> dict[str, Any]:
+def part_3_facts(record: ObservationRecord, frame: FrameRecord) -> dict[str, Any]:
     """Facts that only a frame of part_3 has.
 
     ``categories`` names the classes: class id c of a category mask is number c − 1 of the list.
@@ -334,7 +334,7 @@ def frame_facts(frame: Frame) -> dict[str, Any]:
     Units and axes are the dataset's: metres, degrees, Y up, camera-to-world (w, x, y, z), azimuth positive right.
     ``source_position`` and ``sounding_position``/``sounding_rotation`` are those at the frame's time, moving or not; in
     part_3 they and the direction are those of the first source, None where there is none (or no instance of the room).
-    Frames of part_3 have the facts of `scene_facts` as well, those heard by more than the two ears ``receivers``.
+    Frames of part_3 have the facts of `part_3_facts` as well, those heard by more than the two ears ``receivers``.
     """
     observation, place = frame.observation, frame.observation.place
     camera, pose = observation.intrinsics, frame.pose if frame.has_pose else None
@@ -373,7 +373,7 @@ def frame_facts(frame: Frame) -> dict[str, Any]:
     }
     if record.acoustics.receivers:
         facts["receivers"] = receiver_facts(record)
-    return facts | scene_facts(record, mine) if record.is_sound_scene else facts
+    return facts | part_3_facts(record, mine) if record.is_part_3 else facts
 
 
 def receiver_facts(record: ObservationRecord) -> dict[str, Any]:

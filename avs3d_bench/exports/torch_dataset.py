@@ -24,7 +24,7 @@ An item is a dictionary of tensors and texts that `default_collate` stacks:
 
 Values that the dataset lacks are absent: the official release has neither category, source nor instance ids.
 
-Where part_3 (sound scenes) is among the observations, every item has these keys as well, so that items of all parts can
+Where part_3 is among the observations, every item has these keys as well, so that items of all parts can
 be in one batch. A class id c is that of `category_mask`; K is the number of classes, S the most sources of one
 observation.
 
@@ -61,7 +61,7 @@ import numpy as np
 
 from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.exports.samples import ALL_KINDS, check_split, file_kinds, frames_of, has_sound_scenes, select
+from avs3d_bench.exports.samples import ALL_KINDS, check_split, file_kinds, frames_of, has_part_3, select
 from avs3d_bench.exports.torch_items import ClassKeys, ItemFacts
 from avs3d_bench.runtime.imports import import_by_name, needing
 
@@ -142,7 +142,7 @@ class AVS3DDataset(_TorchDataset[Item]):
         asked |= {"ambisonics": ambisonics, "array": array}
         self._read = tuple(name for name, wanted in asked.items() if wanted)
         self._class_keys: ClassKeys | None = None
-        if has_sound_scenes(self.keys):
+        if has_part_3(self.keys):
             self._class_keys = ClassKeys.among(dataset, self.keys, categories=categories, stems=stems)
         self._facts: dict[int, ItemFacts] = {}
         self._places: list[tuple[_Place, ...]] = []

@@ -116,7 +116,7 @@ def build_site(
 
 def _room_of_siblings(task: _Task) -> str:
     """The same for observations that may share their pictures, which one process makes: siblings are of one room."""
-    return task.key.rpartition("/")[0] if parse_key(task.key).is_sound_scene else task.key
+    return task.key.rpartition("/")[0] if parse_key(task.key).is_part_3 else task.key
 
 
 def _build_room(tasks: tuple[_Task, ...]) -> list[tuple[GalleryCard, tuple[str, ...]]]:

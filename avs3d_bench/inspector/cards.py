@@ -65,7 +65,7 @@ def read_card(observation: Observation, poster: Frame) -> GalleryCard:
     if record is None:
         return GalleryCard(place, frames=len(frames), outline=outline)
     seen = sum(frame.visible_pixels > 0 for frame in record.frames)
-    if record.is_sound_scene:
+    if record.is_part_3:
         return GalleryCard(
             place,
             record.category,

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 PART_TITLES = {
     "part_1": "Part 1, single-instance",
     "part_2": "Part 2, multi-instance",
-    "part_3": "Part 3, sound scenes",
+    "part_3": "Part 3, several sources",
 }
 MINUS = "\N{MINUS SIGN}"
 #: Value of the facet "Sounding object" for what has none; no category may start with "_".
@@ -89,7 +89,7 @@ def gallery_page(dataset: Dataset, cards: Sequence[GalleryCard], submissions: Se
     ]
     kinds = _facet((kind for card in shown for kind in card.kinds), tuple(SOUND_KINDS), SOUND_KINDS)
     if kinds:
-        facets.append(("scene", "Sound scene", kinds))
+        facets.append(("scene", "Sound", kinds))
     record = dataset.record
     return _render(
         "gallery.html.j2",

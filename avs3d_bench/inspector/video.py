@@ -151,7 +151,7 @@ def write_video(
 
 
 def _audible(frame: Frame, facts: PageFacts, number: int, *, marked: bool) -> tuple[AudibleNow, ...] | None:
-    """The audible sources of a sound scene in one frame, with their visible pixels if they are ``marked``."""
+    """The audible sources of a part_3 observation in one frame, with their visible pixels if they are ``marked``."""
     if facts.lanes is None:
         return None
     sources = facts.lanes.audible(number)

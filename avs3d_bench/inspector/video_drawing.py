@@ -45,7 +45,7 @@ class Loudness:
 
 @dataclass(frozen=True, eq=False)
 class AudibleNow:
-    """A source of a sound scene that is audible in a frame.
+    """A source of a part_3 observation that is audible in a frame.
 
     Attributes:
         name: of it.
@@ -76,7 +76,7 @@ class Shown:
         loudness: of the second; None in a silent film.
         method: of the submission; None without one.
         inset: (h, w, 3) the map of this moment, or None.
-        audible: the audible sources of a sound scene, marked in place of ``truth``; None if it is none.
+        audible: the audible sources of a part_3 observation, marked in place of ``truth``; None if it is none.
         nothing: what is heard where none of them is audible.
     """
 
@@ -221,7 +221,7 @@ class Canvas:
 
 
 def _whereabouts(shown: Shown) -> list[tuple[str, Colour]]:
-    """The known direction and distance of the source as text; in a sound scene of the audible one if it is alone."""
+    """The known direction and distance of the source as text; in part_3 of the audible one if it is alone."""
     out: list[tuple[str, Colour]] = []
     moment = shown.moment
     azimuth, distance = moment.azimuth, moment.distance

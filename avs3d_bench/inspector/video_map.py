@@ -98,7 +98,7 @@ class MapInset:
         return halved(big, (big.shape[0] // 2, big.shape[1] // 2, 3))
 
     def _source(self, big: U8, source: ShownSource, *, audible: bool) -> tuple[int, int]:
-        """A source of a sound scene: filled while it is audible; at the border if it is off the map. Returns where."""
+        """A source of part_3: filled while it is audible; at the border if it is off the map. Returns where."""
         height, width = big.shape[:2]
         inset = self._thick(0.3)
         x, y = self._pixel(source.record.position)

@@ -54,7 +54,7 @@ class Moment3D:
         pose: of the camera, camera-to-world.
         source: where the sound comes from at this time; None if unknown.
         moved: takes the sounding object from where it is at the first frame to where it is now.
-        audible: ids and names of the audible sources of a sound scene; None if it is none.
+        audible: ids and names of the audible sources of a part_3 observation; None if it is none.
         nothing: what is heard where there are none.
     """
 
@@ -67,7 +67,7 @@ class Moment3D:
 
     @property
     def caption(self) -> str:
-        """Name, split, azimuth and distance, as far as they are known; in a sound scene what is audible."""
+        """Name, split, azimuth and distance, as far as they are known; in a part_3 observation what is audible."""
         pieces = [self.frame.name, *([self.frame.split] if self.frame.split else [])]
         record = self.frame.record
         if self.audible is not None:

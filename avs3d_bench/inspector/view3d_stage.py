@@ -179,7 +179,7 @@ class ViserScene:
             self._add("source", self._polyline("/source_path", spots, _TRUTH))
 
     def _sources(self, scene: ShownSound) -> None:
-        """The sources of a sound scene, and the meshes of its sounding instances, each in its colour."""
+        """The sources of a part_3 observation, and the meshes of its sounding instances, each in its colour."""
         add = self.server.scene
         for source in scene.sources:
             node, position = f"/sources/{source.record.id}", source.record.position

@@ -1,4 +1,4 @@
-"""Deaf oracles of sound scenes: predictions made of true instance masks, the same for all siblings of a group.
+"""Deaf oracles of part_3 observations: predictions made of true instance masks, the same for all siblings of a group.
 
     deaf_all     every visible instance that can sound is marked
     deaf_single  one instance is marked: the one with the highest mean IoU over the frames of all siblings in which

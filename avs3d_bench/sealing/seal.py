@@ -125,14 +125,14 @@ def commitment(opening: bytes, path: str, data: bytes | None) -> str:
     return hashlib.sha256(salt + (b"\0" if data is None else b"\1" + data)).hexdigest()
 
 
-def truth_files(frames: int, *, sound_scene: bool) -> tuple[str, ...]:
+def truth_files(frames: int, *, part_3: bool) -> tuple[str, ...]:
     """The truth files of an observation to which `seal.json` commits.
 
     The list depends on nothing but the part and the number of frames. ``gt_3d/sounding_object.ply`` is always in it,
     also where no object of the room sounds. Stems and impulse responses are not: their number would tell that of the
     sources. observation.json, to which there is a commitment, has their sha256.
     """
-    folders = [layout.SEMANTIC_MASKS, layout.INSTANCE_MASKS, *([layout.CATEGORY_MASKS] if sound_scene else [])]
+    folders = [layout.SEMANTIC_MASKS, layout.INSTANCE_MASKS, *([layout.CATEGORY_MASKS] if part_3 else [])]
     masks = (layout.image_path(folder, index) for folder in folders for index in range(frames))
     return (layout.OBSERVATION_JSON, layout.SOUNDING_OBJECT, *masks)
 

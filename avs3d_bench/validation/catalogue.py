@@ -219,7 +219,7 @@ def _variant(record: ObservationRecord, original: ObservationRecord) -> Iterator
     poses = [[(frame.position, frame.rotation) for frame in one.frames] for one in (record, original)]
     if poses[0] != poses[1]:
         yield f"poses differ from {of_original}"
-    masks = () if record.is_sound_scene else (layout.SEMANTIC_MASKS,)
+    masks = () if record.is_part_3 else (layout.SEMANTIC_MASKS,)
     pictures = (layout.INPUT, layout.INSTANCE_MASKS, *masks)
     common = [path for path in record.files if path.startswith(pictures) and path in original.files]
     other = [path for path in common if record.files[path] != original.files[path]]

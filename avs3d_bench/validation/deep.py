@@ -69,7 +69,7 @@ def check_contents(
     mesh = check_mesh(observation, record, files, findings)
     sightings = _sightings(observation, files) if record else {}
     labels, boxes = Labels(), Boxes(record) if record else None
-    tally = Tally(layout.INSTANCE_MASKS if record and record.is_sound_scene else layout.SEMANTIC_MASKS)
+    tally = Tally(layout.INSTANCE_MASKS if record and record.is_part_3 else layout.SEMANTIC_MASKS)
     visible: dict[str, frozenset[int]] = {}
     for number, frame in enumerate(frames):
         advance(number, len(frames))
@@ -129,7 +129,7 @@ def _check_sound(
         check_receivers(record, frames, clips, heard, files, findings)
         check_gain(record, heard, findings)
         check_reverberation(observation, record, files, findings)
-    if record and record.is_sound_scene:
+    if record and record.is_part_3:
         _check_stems(record, frames, clips, files, findings)
     try:
         splits = observation.splits

@@ -280,7 +280,7 @@ def order_problem(levels: Sequence[SideLevel], sines: NDArray[np.float64]) -> st
 
 def _elsewhere(record: ObservationRecord, pairs: Sequence[tuple[Hearing, SideLevel]], fit: SideFit) -> str | None:
     """The silent instance whose directions explain the levels much better than those of the source."""
-    if record.is_sound_scene:
+    if record.is_part_3:
         return None  # its sources are held to their own stems
     levels = [level for _, level in pairs]
     for instance in record.instances:

@@ -144,7 +144,7 @@ def check_masks(
                 findings.add(paths[layout.CATEGORY_MASKS], text)
     if mask is None:
         return
-    if ids is not None and record.is_sound_scene:
+    if ids is not None and record.is_part_3:
         for text in _audible_problems(frame.name, record.audible_instances(entry), ids, mask):
             findings.add(paths[layout.SEMANTIC_MASKS], text)
     elif ids is not None:

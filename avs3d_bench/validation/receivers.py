@@ -115,7 +115,7 @@ def _read_clip(frame: Frame, name: str, channels: int, files: set[str], findings
         quiet = np.flatnonzero(power < power.max() * SILENT_CHANNEL)
         if len(quiet):
             findings.add(path, f"silent in channel {', '.join(map(str, quiet[:5]))}, but not in others")
-    elif not frame.observation.is_sound_scene:
+    elif not frame.observation.is_part_3:
         findings.add(path, f"silent (RMS below {SILENCE:g})")
     return _Channels(frame, path, clip.samples, np.asarray(power))
 
@@ -226,7 +226,7 @@ def _stem_names(record: ObservationRecord) -> Iterator[str]:
 def _check_stems(one: _Channels, name: str, record: ObservationRecord, files: set[str], findings: Findings) -> None:
     """The stems of part_3 add up to the clip."""
     paths = [layout.stem_path(stem, one.frame.index, name) for stem in _stem_names(record)]
-    if not record.is_sound_scene or not paths or not files.issuperset(paths):
+    if not record.is_part_3 or not paths or not files.issuperset(paths):
         return  # made without stems, or one is missing, which is named already
     total = np.zeros(one.samples.shape)
     for path, stem in zip(paths, _stem_names(record), strict=True):

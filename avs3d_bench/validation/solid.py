@@ -94,7 +94,7 @@ def sounding_mask(record: ObservationRecord, found: Contents) -> NDArray[np.bool
 
     In part_3 the semantic mask has the audible instances alone: the instance mask shows all that sound at some time.
     """
-    if not record.is_sound_scene:
+    if not record.is_part_3:
         return found.mask
     ids = found.ids
     return None if ids is None else np.isin(ids, [instance.id for instance in record.sounding_instances])
@@ -120,7 +120,7 @@ def check_solid(
     placed = record.to_frame(entry, mesh.vertices) if record.moves else mesh.vertices
     vertices = placed.astype(np.float32)
     reach = silhouette(frame.observation.intrinsics, entry.pose, vertices, mesh.faces, MARGIN)
-    path = paths[layout.INSTANCE_MASKS if record.is_sound_scene else layout.SEMANTIC_MASKS]
+    path = paths[layout.INSTANCE_MASKS if record.is_part_3 else layout.SEMANTIC_MASKS]
     view = _MeshView(entry.pose, path, vertices, mesh.faces, reach)
     if mask is not None:
         area, outside = int(mask.sum()), int((mask & ~reach).sum())

@@ -52,7 +52,7 @@ def check_clip(frame: Frame, files: set[str], findings: Findings) -> BinauralCli
     if clip is None or clip.samples.shape != (2, layout.BINAURAL_SAMPLES):
         return None  # format: named by the shallow check
     entry = frame.record
-    rms = _sound_problems(path, clip.samples, findings, may_be_silent=frame.observation.is_sound_scene)
+    rms = _sound_problems(path, clip.samples, findings, may_be_silent=frame.observation.is_part_3)
     if entry:
         relative, absolute = RMS_TOLERANCE
         for side, found, noted in zip(("left", "right"), rms, (entry.rms_left, entry.rms_right), strict=True):
@@ -81,7 +81,7 @@ def check_mono(
     clip = read(findings, files, path, lambda: media.read_wav(frame.observation.path / path))
     if clip is None or clip.samples.shape != (1, layout.MONO_SAMPLES):
         return
-    _sound_problems(path, clip.samples, findings, may_be_silent=frame.observation.is_sound_scene)
+    _sound_problems(path, clip.samples, findings, may_be_silent=frame.observation.is_part_3)
     if own is None:
         return
     mono, mix, n = clip.samples[0], own.samples.mean(axis=0), layout.BINAURAL_SAMPLES

@@ -64,7 +64,7 @@ class Stems:
     def add(self, frame: Frame, clip: BinauralClip | None, files: set[str], findings: Findings) -> None:
         """Read the stems of one frame and hold them against its clip and its audible entries."""
         entry = frame.record
-        names = layout.SoundScene(
+        names = layout.Part3Contents(
             tuple(source.id for source in self.record.sources or ()),
             stems=True,
             background=self.record.background is not None,

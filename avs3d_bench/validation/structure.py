@@ -12,7 +12,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from avs3d_bench.contract import layout
-from avs3d_bench.contract.layout import SoundScene
+from avs3d_bench.contract.layout import Part3Contents
 from avs3d_bench.contract.schema import CameraSplits, ObservationRecord, describe
 from avs3d_bench.dataset import Observation, parse_splits
 from avs3d_bench.errors import Avs3dError
@@ -106,18 +106,18 @@ def _check_missing(expected: set[str], files: set[str], findings: Findings) -> N
         findings.add(path, "missing file")
 
 
-def _sound_scene(observation: Observation, record: ObservationRecord | None, files: set[str]) -> SoundScene | None:
+def _part_3(observation: Observation, record: ObservationRecord | None, files: set[str]) -> Part3Contents | None:
     """Facts that decide the files of a part_3 observation: from its record, or from folders if that is unreadable."""
-    if not observation.is_sound_scene:
+    if not observation.is_part_3:
         return None
     stems = any(has_stems(files, receiver) for receiver in (None, *_receivers(record, files)))
     if record is not None and record.sources is not None:
         names = tuple(source.id for source in record.sources)
         in_room = any(source.instance is not None for source in record.sources)
-        return SoundScene(names, in_room=in_room, stems=stems, background=record.background is not None)
+        return Part3Contents(names, in_room=in_room, stems=stems, background=record.background is not None)
     inside = {path.split("/")[1] for path in files if path.startswith((f"{layout.STEMS}/", f"{layout.RIRS}/"))}
     names = tuple(sorted(inside - {layout.BACKGROUND}))
-    return SoundScene(
+    return Part3Contents(
         names, in_room=layout.SOUNDING_OBJECT in files, stems=stems, background=layout.BACKGROUND in inside
     )
 
@@ -150,7 +150,7 @@ def _sounds(record: ObservationRecord | None) -> dict[str, tuple[int, int]]:
 def _check_files_of_ours(
     observation: Observation, record: ObservationRecord | None, files: set[str], frames: int, findings: Findings
 ) -> None:
-    scene = _sound_scene(observation, record, files)
+    scene = _part_3(observation, record, files)
     receivers = _receivers(record, files)
     responses = [layout.rirs_folder(receiver) for receiver in (None, *receivers)]
     expected = set(
@@ -158,7 +158,7 @@ def _check_files_of_ours(
             frames,
             depth=_has(files, layout.DEPTH),
             rirs=any(_has(files, folder) for folder in responses),
-            sound_scene=scene,
+            part_3=scene,
             receivers=receivers,
         )
     )

@@ -1,4 +1,4 @@
-"""Which of several candidates sound in which frames of a sound scene, or that none of them does.
+"""Which of several candidates sound in which frames of a part_3 observation, or that none of them does.
 
 `spatial` asks which one candidate always sounds. Here any number may sound, each from time to time, and the sound may
 come from none of them: from another room, or from everywhere. The answer is a posterior over hypotheses of this kind:

@@ -12,13 +12,12 @@ by the splats' own transmittance, so that hidden points do not vote; fragments m
 by other rules: `clusters.marked_candidates`) and the cluster chosen by the
 likelihood of what both ears heard; no decomposition; masks visible-only. Both share the training.
 
-On sound scenes (part_3, `sound_scenes`) ``official`` runs as it is. ``spatial`` infers which clusters sound in which
+On part_3 observations (part_3, `part_3`) ``official`` runs as it is. ``spatial`` infers which clusters sound in which
 frames, and draws the active ones of each test frame: nothing where none is.
 
 Training reads `images/` with the cameras of `sparse/0`. Masks, given and made, belong to `input/`: they meet the
 Gaussians through the camera of `input/` (`views.input_views`), at its own size, so that no mask is ever resampled.
-Test frames give their pose (and split), in sound scenes their clip as well; neither their truth nor their pictures are
-read.
+Test frames give their pose (and split), in part_3 their clip as well; neither their truth nor their pictures are read.
 """
 
 from __future__ import annotations
@@ -44,18 +43,18 @@ from baselines.echosegnet import aisrm, clusters, spatial
 from baselines.echosegnet.cache import Stages, digest
 from baselines.echosegnet.decompose import decompose
 from baselines.echosegnet.gaussians import Gaussians, write_ply
+from baselines.echosegnet.heard_categories import Categories, class_votes, cluster_activity
 from baselines.echosegnet.lift import marked_share
 from baselines.echosegnet.network_masks import AnySource, KeptMasks, NetworkMasks
 from baselines.echosegnet.rasteriser.default import Rasteriser
 from baselines.echosegnet.render import amodal_mask, visible_mask
-from baselines.echosegnet.sound_scenes import Categories, class_votes, cluster_activity
 from baselines.echosegnet.sources import Mask, MaskSource
 from baselines.echosegnet.train import Progress, TrainingSettings
 from baselines.echosegnet.training_stage import trained
 from baselines.echosegnet.views import RegisteredView, input_views, load_views, test_views, train_views
 from baselines.echosegnet.voting_stage import Variant, count_votes
 
-#: Successive train views whose votes are counted together in sound scenes: programmes last for some seconds.
+#: Successive train views whose votes are counted together in part_3 observations: programmes last for some seconds.
 MASK_RUN = 8
 
 
@@ -97,7 +96,7 @@ def is_relative(variant: Variant, source: AnySource) -> bool:
     """Whether the voting threshold is a share of what well-marked Gaussians have (`lift.marked_share`), not of 1.
 
     A network may recognise an object in a few frames only, so that no Gaussian of it has most of its votes. This holds
-    where one object sounds all the time; in sound scenes none may sound, and the threshold is a share of all votes.
+    where one object sounds all the time; in part_3 none may sound, and the threshold is a share of all votes.
     """
     return variant == "spatial" and isinstance(source, NetworkMasks)
 
@@ -135,8 +134,8 @@ def predict(
     """
     stages, clock = Stages(folder), _Clock()
     views = load_views(observation)
-    scene = observation.is_sound_scene
-    # In sound scenes, and in what a network says, it may be that nothing is marked: then there is nothing to lift.
+    scene = observation.is_part_3
+    # In part_3, and in what a network says, it may be that nothing is marked: then there is nothing to lift.
     may_be_empty = scene or isinstance(source, NetworkMasks)
     relative = is_relative(settings.variant, source) and not scene
     if isinstance(source, NetworkMasks):
@@ -252,7 +251,7 @@ def _nothing(observation: Observation, source: MaskSource, clock: _Clock) -> Pre
     """Empty masks for every test frame, and no points."""
     figures: dict[str, Scalar] = dict.fromkeys(("gaussians", "labelled", "chosen", "clusters"), 0)
     figures |= {"memory_full_at": None, **{f"{stage}_seconds": round(s, 2) for stage, s in clock.seconds.items()}}
-    classes = observation.is_sound_scene and source.categories(observation.train[0]) is not None
+    classes = observation.is_part_3 and source.categories(observation.train[0]) is not None
     named: dict[str, Categories] | None = {} if classes else None
     return Prediction(_complete(observation, {}), np.zeros((0, 3)), figures, _complete_classes(observation, named))
 
@@ -398,7 +397,7 @@ def _candidates(lifted: _Lifted) -> NDArray[np.int64]:
         return np.zeros(0, np.int64)
     if not isinstance(marks, KeptMasks):
         return clusters.candidates(points, eps=reach(points))
-    if lifted.seen[0].frame.observation.is_sound_scene:
+    if lifted.seen[0].frame.observation.is_part_3:
         classes = class_votes(points, np.arange(len(points)), lifted.seen, marks)
         assert classes is not None, "a network names the class of what it marks"
     else:

@@ -18,11 +18,11 @@ from avs3d_bench.scheduling.options import Options
 from avs3d_bench.scheduling.software import check_software
 from avs3d_bench.scheduling.tasks import Context
 from avs3d_bench.submission import SubmissionFolder, SubmissionWriter
+from baselines.echosegnet.heard_categories import work_folder
 from baselines.echosegnet.jobs import all_devices, device_of, run_each, spread
 from baselines.echosegnet.network_masks import AnySource, NetworkMasks
 from baselines.echosegnet.pipeline import Settings, is_relative, predict
 from baselines.echosegnet.rasteriser.default import default_rasteriser
-from baselines.echosegnet.sound_scenes import work_folder
 from baselines.echosegnet.train import TrainingState
 
 __all__ = [
@@ -179,7 +179,7 @@ def _writer(
 ) -> SubmissionWriter:
     training = settings.training
     relative = is_relative(settings.variant, source)
-    of = " of what well-marked Gaussians have (sound scenes: of all votes)" if relative else ""
+    of = " of what well-marked Gaussians have (part_3 observations: of all votes)" if relative else ""
     notes = (
         f"{settings.variant} variant; AISRM {'on' if settings.refine else 'off'}; voting threshold "
         f"{settings.voting_threshold:g}{of}; {training.iterations} iterations, seed {training.seed}; "

@@ -94,7 +94,7 @@ class ListenerMarker:
                     yield np.asarray(found.mask if found.categories is None else found.categories, np.uint8)
             return
         answers = _answers(method, frames)
-        together = not any(frame.observation.is_sound_scene for frame in frames)
+        together = not any(frame.observation.is_part_3 for frame in frames)
         shared = shared_category(answers) if together else None
         for frame, answer in zip(frames, answers, strict=True):
             changed = of_category(answer, shared)

@@ -150,7 +150,7 @@ class ListenerMethod:
                 answers = self.answers(pictures, sounds, cameras)
             for frame, picture, answer in zip(part, pictures, answers, strict=True):
                 mask = self.mask(answer, picture)
-                classes = class_map(mask, answer) if frame.observation.is_sound_scene else None
+                classes = class_map(mask, answer) if frame.observation.is_part_3 else None
                 out.append(Prediction(mask, classes))
         return out
 

@@ -21,7 +21,7 @@ def condition_of(record: ObservationRecord) -> ConditionRecord:
     values: dict[ConditionField, float | Literal["room_tone", "noise"] | None] = {
         "acoustics.absorption_scale": float(scale) if isinstance(scale, int | float) else 1.0
     }
-    if record.is_sound_scene:
+    if record.is_part_3:
         background = record.background
         values["background.snr_db"] = background.snr_db if background else None
         values["background.kind"] = background.kind if background else None

@@ -97,7 +97,7 @@ def has_categories(submission: Submission, observations: Iterable[Observation]) 
     """Whether the submission holds class ids (categories/) of an observation of part_3."""
     if submission.layout == "official":
         return False
-    folders = (submission.root / o.key / layout.SUBMISSION_CATEGORIES for o in observations if o.is_sound_scene)
+    folders = (submission.root / o.key / layout.SUBMISSION_CATEGORIES for o in observations if o.is_part_3)
     return any(folder.is_dir() and any(folder.iterdir()) for folder in folders)
 
 
@@ -142,7 +142,7 @@ def _look(
     reader = Reader(submission, key)
     # Of a sealed test, participants have no masks; they have the size of the pictures.
     sized = layout.SEMANTIC_MASKS if observation.published is None else layout.INPUT
-    classes = _class_count(observation) if categories and observation.is_sound_scene else None
+    classes = _class_count(observation) if categories and observation.is_part_3 else None
 
     def sound(path: Path) -> bool:
         """Whether nothing is known against a file, a folder behind a link, or a part that is missing as a whole."""

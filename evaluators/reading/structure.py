@@ -8,7 +8,7 @@ from pathlib import Path
 
 from avs3d_bench.commands.report import Problem, printable
 from avs3d_bench.contract import layout
-from avs3d_bench.contract.taxonomy import PARTS, SOUND_SCENES
+from avs3d_bench.contract.taxonomy import PART_3, PARTS
 from avs3d_bench.dataset import Dataset, Observation
 from evaluators.reading.records import Submission
 from evaluators.reading.tree import SubmissionTree
@@ -35,7 +35,7 @@ def check_structure(submission: Submission, dataset: Dataset, observations: Sequ
     expected, categories = _expected(submission, observations), _categories(submission, observations)
     others = {*dataset.keys}.difference(observation.key for observation in observations)
     # Observations of part_3 may have as many files again.
-    entries = sum(_ENTRIES * (2 if key.startswith(f"{SOUND_SCENES}/") else 1) for key in others)
+    entries = sum(_ENTRIES * (2 if key.startswith(f"{PART_3}/") else 1) for key in others)
     tree = _walk(submission, observations, {**expected, **categories}, _SURPLUS + entries)
     problems += tree.problems
     misplaced = _wrong_parts(dataset, observations, tree.found)
@@ -54,14 +54,14 @@ def check_structure(submission: Submission, dataset: Dataset, observations: Sequ
 def _wrong_parts(dataset: Dataset, observations: Sequence[Observation], found: Collection[str]) -> list[Problem]:
     """One line for each part of a submission that was made for the other kind of dataset.
 
-    Parts 1 and 2 (one source) and part 3 (sound scenes) are two kinds of benchmark: masks for one are no submission to
+    Parts 1 and 2 (one source) and part 3 are two kinds of benchmark: masks for one are no submission to
     the other.
     """
     parts = {key.split("/")[0] for key in dataset.keys}
     asked = sorted({observation.place.part for observation in observations})
     there = [part for part in PARTS if part in found]
-    foreign = [part for part in there if part not in parts and (part == SOUND_SCENES) not in _kinds(parts)]
-    absent = [part for part in asked if (part == SOUND_SCENES) not in _kinds(there)] if foreign else []
+    foreign = [part for part in there if part not in parts and (part == PART_3) not in _kinds(parts)]
+    absent = [part for part in asked if (part == PART_3) not in _kinds(there)] if foreign else []
     problems = [
         Problem("error", part, f"masks of {part}, but the dataset has only {' and '.join(sorted(parts))}")
         for part in foreign
@@ -75,8 +75,8 @@ def _wrong_parts(dataset: Dataset, observations: Sequence[Observation], found: C
 
 
 def _kinds(parts: Iterable[str]) -> set[bool]:
-    """Whether sound scenes, other observations or both are among the parts."""
-    return {part == SOUND_SCENES for part in parts}
+    """Whether part_3 observations, other observations or both are among the parts."""
+    return {part == PART_3 for part in parts}
 
 
 def _check_record(submission: Submission, dataset: Dataset) -> Iterator[Problem]:
@@ -122,7 +122,7 @@ def _categories(submission: Submission, observations: Iterable[Observation]) -> 
     return {
         submission.categories_path(o.key, frame.name).relative_to(submission.root).as_posix(): None
         for o in observations
-        if o.is_sound_scene
+        if o.is_part_3
         for frame in o.test
     }
 
@@ -192,7 +192,7 @@ def _check_entries(
                 yield Problem("error", name, "no such observation in the dataset")
             elif len(pieces) > 4 and key in asked and not _leads_to(inside, submission.masks):
                 yield from _surplus_folder(asked[key], submission, name, inside)
-        elif key in asked and not asked[key].is_sound_scene and pieces[4] == layout.SUBMISSION_CATEGORIES:
+        elif key in asked and not asked[key].is_part_3 and pieces[4] == layout.SUBMISSION_CATEGORIES:
             continue  # one line for the folder is enough
         elif key in asked:
             yield Problem("error", name, _surplus(asked[key], submission, inside))
@@ -203,11 +203,11 @@ def _check_entries(
 def _surplus_folder(observation: Observation, submission: Submission, name: str, inside: str) -> Iterator[Problem]:
     categories = layout.SUBMISSION_CATEGORIES
     if inside == categories and submission.layout == "avs3d":
-        if not observation.is_sound_scene:
+        if not observation.is_part_3:
             part = observation.place.part
             yield Problem("error", name, f"class ids belong to part_3; expected {submission.masks}/ only in {part}")
         return
-    expected = f"{submission.masks}/ and {categories}/" if observation.is_sound_scene else f"{submission.masks}/"
+    expected = f"{submission.masks}/ and {categories}/" if observation.is_part_3 else f"{submission.masks}/"
     yield Problem("error", name, f"surplus folder; expected {expected} only")
 
 
@@ -230,7 +230,7 @@ def _surplus(observation: Observation, submission: Submission, inside: str) -> s
     if folder == submission.masks:
         return "surplus file; expected one mask per test frame, named as the frame (frame_000.png)"
     files = [f"{submission.masks}/frame_000.png", layout.SUBMISSION_POINTS]
-    if observation.is_sound_scene:
+    if observation.is_part_3:
         files.insert(1, f"{layout.SUBMISSION_CATEGORIES}/frame_000.png")
     return f"surplus file; expected {', '.join(files[:-1])} and {files[-1]} only"
 

@@ -32,7 +32,7 @@ DECIMALS = 3
 #: Text in place of a missing figure.
 PART_TITLES = {"overall": "Overall", "part_1": "Part 1", "part_2": "Part 2", "part_3": "Part 3"}
 PART_NOTES = {
-    "overall": "all observations", "part_1": "single-instance", "part_2": "multi-instance", "part_3": "sound scenes",
+    "overall": "all observations", "part_1": "single-instance", "part_2": "multi-instance", "part_3": "several sources",
 }  # fmt: skip
 REFERENCE_TITLES = {
     "all_black": "all black", "all_white": "all white", "centre_box": "centre box",

@@ -103,7 +103,7 @@ def draw_triple(score: FrameScore, dataset: Dataset, submission: Submission) -> 
     truth, prediction = read_masks(frame, submission, rgb)
     twins = _twins(frame)
     label = f"{score.name} of {score.key}"
-    sounds = sounds_in(frame) if frame.observation.is_sound_scene else ""
+    sounds = sounds_in(frame) if frame.observation.is_part_3 else ""
     words = _truth_words(truth, frame.observation.category or "sounding object", sounds, twins)
     return Triple(
         score,

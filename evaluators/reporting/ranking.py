@@ -310,7 +310,7 @@ def _table(
     metrics = tuple(
         m for m in everything if any(figure(row.group, m) is not None for row in (*rows, *references, *below))
     )
-    # A figure that no row has ranks nothing: sound scenes without siblings have no pair accuracy.
+    # A figure that no row has ranks nothing: part_3 observations without siblings have no pair accuracy.
     ranking = headline(metrics) or headline(everything)
     assert ranking is not None  # every protocol has an IoU
     competing = {row.entry.digest: row.entry.scores for row in rows if row.entry and _competes(row)}

@@ -175,7 +175,7 @@ def observation_figure(observation: ObservationScores, metric: Metric) -> float 
 
 
 def headline(known: Iterable[Metric]) -> Metric | None:
-    """The main figure: pair accuracy where there are sound scenes, else strict IoU, else the released mIoU."""
+    """The main figure: pair accuracy where there are part_3 observations, else strict IoU, else the released mIoU."""
     by_name = {(metric.protocol, metric.name): metric for metric in known}
     order = (("listen", "pair_accuracy"), ("listen", "IoU"), ("strict", "IoU"), ("official", "mIoU"))
     return next((by_name[each] for each in order if each in by_name), None)

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 
 from avs3d_bench.contract.scores import Metric, metrics_of
-from avs3d_bench.contract.taxonomy import SOUND_SCENES
+from avs3d_bench.contract.taxonomy import PART_3
 from avs3d_bench.text.templates import MISSING
 from evaluators.reporting import paper
 from evaluators.reporting.pages import PART_NOTES, PART_TITLES, clean, figure, interval, number, span
@@ -141,7 +141,7 @@ def _legend(table: PaperTable, section: PaperSection, notes: Sequence[tuple[str,
         yield f"- paper: {paper.CITATION}; measured on {paper.DATASET}{scene}."
     for index, differs in enumerate(notes, start=1):
         yield f"- <sup>{index}</sup> {plain('; '.join(differs))}."
-    rows = [row for row in section.rows if row.part != SOUND_SCENES]  # which the paper does not have
+    rows = [row for row in section.rows if row.part != PART_3]  # which the paper does not have
     without = {row.title: row.match.why for row in rows if row.match and row.match.row is None}
     for title, why in without.items():
         yield f"- No row of the paper for {plain(title)}: {plain(why)}."

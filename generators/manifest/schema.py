@@ -28,7 +28,7 @@ from pydantic import (
 
 from avs3d_bench.contract.layout import observation_key
 from avs3d_bench.contract.schema import Category, Part, Room
-from avs3d_bench.contract.taxonomy import MOST_OWN_CATEGORIES, SOUND_SCENES, check_room
+from avs3d_bench.contract.taxonomy import MOST_OWN_CATEGORIES, PART_3, check_room
 from avs3d_bench.errors import Avs3dError, UsageError, excerpt
 from avs3d_bench.formats.yamlfile import read_yaml, step
 from generators.core.limits import FRAMES, MOST_INDEX, SIZE
@@ -40,7 +40,7 @@ from generators.options import DEFAULT_AUDIO
 FARTHEST = 10_000.0
 #: Largest number of silent objects in a room; no room has places for more.
 MOST_SILENT = 16
-#: Largest number of identical objects, and of sources of a sound scene.
+#: Largest number of identical objects, and of sources of a part_3 observation.
 MOST_COPIES, MOST_SOURCES = 4, 8
 #: Least and greatest scale of the absorption, and level of all sources above the background (dB).
 ABSORPTION_SCALE, SNR_DB = (0.05, 20.0), (-30.0, 80.0)
@@ -347,7 +347,7 @@ def _programme(value: Any) -> Any:
 
 
 class SourceSpec(_Model):
-    """A source of a sound scene.
+    """A source of a part_3 observation.
 
     ``instance``: which of the observation's objects of that category, from 1; drawn if it is left out. ``room``:
     another room, in which the source stands unseen; it has no instance then. ``programme``: ``always``,
@@ -386,7 +386,7 @@ class ObservationSpec(_Model):
     of identical objects, and ``sources`` says which of them sound, with a diffuse ``background`` if there is one.
 
     ``acoustics`` and ``source_motion`` default to those of the manifest. ``like`` is the key of the observation that
-    this one is an acoustic variant or a sibling of, ``variant_of`` that of which a sound scene is a variant (see
+    this one is an acoustic variant or a sibling of, ``variant_of`` that of which a part_3 observation is a variant (see
     `Manifest`).
     """
 
@@ -407,11 +407,11 @@ class ObservationSpec(_Model):
 
     @model_validator(mode="after")
     def _counts(self) -> ObservationSpec:
-        foreign = _ONE_SOURCE_FIELDS if self.is_sound_scene else _SCENE_FIELDS
+        foreign = _ONE_SOURCE_FIELDS if self.is_part_3 else _SCENE_FIELDS
         surplus = [name for name in foreign if getattr(self, name) != type(self).model_fields[name].default]
         if surplus:
             raise ValueError(f"{surplus[0]} does not belong to {self.part}; leave it out, or write another part")
-        if self.is_sound_scene:
+        if self.is_part_3:
             self._check_sources()
             return self
         if self.category is None:
@@ -429,7 +429,7 @@ class ObservationSpec(_Model):
         return self
 
     def _check_sources(self) -> None:
-        """Check what a sound scene says.
+        """Check what a part_3 observation says.
 
         Raises:
             ValueError: naming the source.
@@ -474,9 +474,9 @@ class ObservationSpec(_Model):
         return f"{len(among)} sources, but there is only {there} × {source.category}" if len(among) > there else ""
 
     @property
-    def is_sound_scene(self) -> bool:
+    def is_part_3(self) -> bool:
         """Whether it belongs to part_3."""
-        return self.part == SOUND_SCENES
+        return self.part == PART_3
 
     @property
     def objects(self) -> dict[str, int]:
@@ -670,7 +670,7 @@ def _sibling_base(entry: dict[str, Any], originals: dict[str, dict[str, Any]]) -
             f"like {excerpt(entry['like'])} names no observation of this manifest that is not a "
             f"variant itself; expected a key like {excerpt(next(iter(originals), 'part_1/scan/kitchen/1'))}"
         )
-    scene = original.get("part") == SOUND_SCENES
+    scene = original.get("part") == PART_3
     own = (*_VARIANT_FIELDS, *_SIBLING_FIELDS) if scene else _VARIANT_FIELDS
     surplus = sorted(step(name) for name in set(entry) - set(own))
     if surplus:
@@ -691,7 +691,7 @@ def _variant_base(entry: dict[str, Any], scenes: dict[str, dict[str, Any]]) -> d
     """
     key = str(entry["variant_of"])
     original = scenes.get(key)
-    if original is None or original.get("part") != SOUND_SCENES:
+    if original is None or original.get("part") != PART_3:
         raise ValueError(
             f"variant_of {excerpt(key)} names no observation of part_3 of this manifest that "
             "has no variant_of itself; in part_1 and part_2 write like"

@@ -150,7 +150,7 @@ def choose_models(plan: ObservationPlan) -> tuple[Model, ...]:
     models: list[Model] = []
     for category, count in spec.objects.items():
         rng = plan.rng(f"models/{category}")
-        if spec.is_sound_scene or category == spec.category:
+        if spec.is_part_3 or category == spec.category:
             models += [_choose_model(plan, category, rng, spec.variant)] * count
         else:
             models += [_choose_model(plan, category, rng) for _ in range(count)]

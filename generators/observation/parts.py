@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from avs3d_bench.contract.taxonomy import SOUND_SCENES
+from avs3d_bench.contract.taxonomy import PART_3
 
 
 @dataclass(frozen=True)
@@ -54,4 +54,4 @@ _SOURCES = PartRules(
 
 def rules_of(part: str) -> PartRules:
     """The rules of ``part_1``, ``part_2`` or ``part_3``."""
-    return _SOURCES if part == SOUND_SCENES else _ONE_SOURCE
+    return _SOURCES if part == PART_3 else _ONE_SOURCE

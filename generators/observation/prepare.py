@@ -52,11 +52,11 @@ class PreparedObservation:
         return {number: self.arrangement.placements[number - 1] for number in ids}
 
     @property
-    def contents(self) -> layout.SoundScene | None:
+    def contents(self) -> layout.Part3Contents | None:
         """The facts that decide which files a part_3 observation has; None in the other parts."""
         if not self.rules.named_sources:
             return None
-        return layout.SoundScene(
+        return layout.Part3Contents(
             sources=tuple(source.id for source in self.sources),
             in_room=bool(self.sounding),
             stems=self.plan.keeps_stems,

@@ -1,4 +1,4 @@
-"""When a source of a sound scene sounds: from its programme in the manifest to intervals, and to the gated signal."""
+"""When a source sounds: from its programme in the manifest to intervals, and to the gated signal."""
 
 from __future__ import annotations
 

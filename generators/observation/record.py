@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from avs3d_bench.contract import layout
 from avs3d_bench.contract.schema import (
+    PART_3_VERSION,
     SCHEMA_VERSION,
-    SOUND_SCENES_VERSION,
     AcousticsRecord,
     AmbisonicsRecord,
     AudibleRecord,
@@ -60,7 +60,7 @@ def describe_observation(
     first = prepared.sources[0] if prepared.sources else None
     named = prepared.rules.named_sources
     return ObservationRecord(
-        schema_version=SOUND_SCENES_VERSION if named or plan.own_categories else SCHEMA_VERSION,
+        schema_version=PART_3_VERSION if named or plan.own_categories else SCHEMA_VERSION,
         key=plan.key,
         part=spec.part,
         scan=spec.scan,

@@ -117,7 +117,7 @@ def _possible_extras(record: ObservationRecord) -> Iterator[set[str]]:
     not tell whether these were asked for.
     """
     found = {path.partition("/")[0] for path in record.files} & {layout.DEPTH, layout.RIRS, layout.STEMS}
-    untold = (layout.RIRS, layout.STEMS) if record.is_sound_scene and not record.sources else ()
+    untold = (layout.RIRS, layout.STEMS) if record.is_part_3 and not record.sources else ()
     for number in range(len(untold) + 1):
         yield from (found | set(more) for more in combinations(untold, number))
 

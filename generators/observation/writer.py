@@ -38,7 +38,7 @@ class ObservationWriter:
     def __init__(
         self,
         output: ObservationOutput,
-        contents: layout.SoundScene | None = None,
+        contents: layout.Part3Contents | None = None,
         *,
         depth: bool = False,
         rirs: bool = False,
@@ -200,6 +200,6 @@ class ObservationWriter:
             self._frames,
             depth=self._depth,
             rirs=self._rirs,
-            sound_scene=self._contents,
+            part_3=self._contents,
             receivers=self._channels,
         )

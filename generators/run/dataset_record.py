@@ -14,8 +14,8 @@ from pydantic import ValidationError
 from avs3d_bench import __version__
 from avs3d_bench.contract import layout
 from avs3d_bench.contract.schema import (
+    PART_3_VERSION,
     SCHEMA_VERSION,
-    SOUND_SCENES_VERSION,
     AttributionRecord,
     DatasetEntry,
     DatasetRecord,
@@ -26,7 +26,7 @@ from avs3d_bench.contract.schema import (
     parse_record,
     unique_attributions,
 )
-from avs3d_bench.contract.taxonomy import SOUND_SCENES
+from avs3d_bench.contract.taxonomy import PART_3
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import files
 from avs3d_bench.runtime.provenance import Provenance
@@ -123,9 +123,9 @@ def _record(
     software: Provenance | None = None,
 ) -> DatasetRecord:
     entries = tuple(entries)
-    newer = bool(source.manifest.categories) or any(entry.part == SOUND_SCENES for entry in entries)
+    newer = bool(source.manifest.categories) or any(entry.part == PART_3 for entry in entries)
     return DatasetRecord(
-        schema_version=SOUND_SCENES_VERSION if newer else SCHEMA_VERSION,
+        schema_version=PART_3_VERSION if newer else SCHEMA_VERSION,
         name=source.manifest.name,
         version=source.manifest.version,
         toolkit_version=__version__,

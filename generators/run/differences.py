@@ -76,7 +76,7 @@ def _options(plan: ObservationPlan, record: ObservationRecord) -> Iterator[tuple
         yield "--with array", *_arrays(acoustics.array, asked.array)
     folders = {path.partition("/")[0] for path in record.files}
     yield f"--with {layout.DEPTH}", _given(layout.DEPTH in folders), _given("depth" in plan.options.extras)
-    if plan.spec.sources or not plan.spec.is_sound_scene:  # a silent scene has no responses, whatever was asked
+    if plan.spec.sources or not plan.spec.is_part_3:  # a silent scene has no responses, whatever was asked
         yield f"--with {layout.RIRS}", _given(layout.RIRS in folders), _given("rirs" in plan.options.extras)
     yield f"--with {layout.STEMS}", _given(layout.STEMS in folders), _given(plan.keeps_stems)
     yield "seed of the manifest", str(record.seed), str(plan.seed)

@@ -205,7 +205,7 @@ def _background(spec: ObservationSpec, point: Point) -> dict[str, Any] | None:
 
 
 def _variant(spec: ObservationSpec, index: int, fields: dict[str, Any]) -> dict[str, Any]:
-    return {"variant_of" if spec.is_sound_scene else "like": spec.key, "index": index} | fields
+    return {"variant_of" if spec.is_part_3 else "like": spec.key, "index": index} | fields
 
 
 def _place(key: str) -> str:
@@ -226,12 +226,12 @@ def _check(chosen: Sequence[ObservationSpec], grid: Sequence[Point]) -> None:
         )
     keys = {spec.key for spec in chosen}
     for spec in chosen:
-        original = spec.variant_of or (None if spec.is_sound_scene else spec.like)
+        original = spec.variant_of or (None if spec.is_part_3 else spec.like)
         if original is not None:
             raise UsageError(f"{spec.key} is itself a variant of {original}; choose the originals with --only")
         if spec.like is not None and spec.like not in keys:
             raise UsageError(f"{spec.key} has the pictures of {spec.like}, which --only leaves out; choose both")
-        if {SNR, KIND} & set(grid[0]) and not spec.is_sound_scene:
+        if {SNR, KIND} & set(grid[0]) and not spec.is_part_3:
             raise UsageError(
                 f"{spec.key}: background belongs to part_3; sweep {SCALE} alone, or choose observations of part_3 with "
                 "--only"

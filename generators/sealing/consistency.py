@@ -312,7 +312,7 @@ def _read(frame: Frame, record: ObservationRecord, findings: Findings) -> Conten
         mask=read(layout.SEMANTIC_MASKS, frame.mask),
         ids=read(layout.INSTANCE_MASKS, frame.instance_ids),
         depth=None,
-        categories=read(layout.CATEGORY_MASKS, frame.category_mask) if record.is_sound_scene else None,
+        categories=read(layout.CATEGORY_MASKS, frame.category_mask) if record.is_part_3 else None,
     )
 
 

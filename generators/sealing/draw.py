@@ -179,7 +179,7 @@ def _units(entries: list[Document]) -> list[list[Document]]:
 
 
 def _variants(units: list[list[Document]]) -> list[tuple[Document, Document, Document]]:
-    """Each variant of a sound scene with its original, and the first of their group; keys are those of the template."""
+    """Each variant of part_3 with its original, and the first of their group; keys are those of the template."""
     found = []
     for first, *others in units:
         place = _place(_key(first))

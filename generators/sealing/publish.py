@@ -177,7 +177,7 @@ def _is_train_mask(name: str, generated: Dataset, key: str) -> bool:
 
 def _commit(root: Path, record: ObservationRecord, opening: bytes) -> dict[str, str]:
     found = {}
-    for name in truth_files(len(record.frames), sound_scene=record.is_sound_scene):
+    for name in truth_files(len(record.frames), part_3=record.is_part_3):
         path = root / record.key / name
         data = files.read_bytes(path) if path.exists() else None
         found[name] = commitment(opening, f"{record.key}/{name}", data)

@@ -80,7 +80,7 @@ def test_one_source_that_always_sounds_reads_as_those_of_part_3_do(ours: Path, k
 
 
 def test_the_sources_of_part_3_are_those_of_the_file(tmp_path: Path):
-    data = Dataset(tiny_scenes.write_sound_scenes(tmp_path / "data", frames=9))
+    data = Dataset(tiny_scenes.write_part_3(tmp_path / "data", frames=9))
     for key in tiny_scenes.GROUP:
         record = data[key].record
         assert record is not None

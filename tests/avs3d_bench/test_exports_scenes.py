@@ -1,4 +1,4 @@
-"""Exports of sound scenes (part_3): sources, audible, group, background, category masks and stems in every form."""
+"""Exports of part_3 observations: sources, audible, group, background, category masks and stems in every form."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ FRAMES = 4
 @pytest.fixture(scope="module")
 def scenes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("scenes") / "data"
-    return tiny_scenes.write_sound_scenes(folder, frames=FRAMES, stems=True, rirs=True)
+    return tiny_scenes.write_part_3(folder, frames=FRAMES, stems=True, rirs=True)
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def mixed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """All three parts in one tree."""
     root = tmp_path_factory.mktemp("mixed") / "data"
     tiny.write_dataset(root, frames=FRAMES)
-    return tiny_scenes.write_sound_scenes(root, frames=FRAMES, keys=(FIRST, SILENT))
+    return tiny_scenes.write_part_3(root, frames=FRAMES, keys=(FIRST, SILENT))
 
 
 def record_of(root: Path, key: str) -> ObservationRecord:

@@ -220,8 +220,8 @@ def test_a_source_at_the_left_is_ahead_after_a_turn_to_the_left(site: Path, root
 
 
 @pytest.mark.slow
-def test_stems_head_and_siblings_of_a_sound_scene_take_turns(tmp_path: Path, browser: Any) -> None:
-    root = tiny_scenes.write_sound_scenes(tmp_path / "scenes", stems=True)
+def test_stems_head_and_siblings_of_a_part_3_take_turns(tmp_path: Path, browser: Any) -> None:
+    root = tiny_scenes.write_part_3(tmp_path / "scenes", stems=True)
     add_waves(root)
     site = build_site(Dataset(root), tiny_scenes.GROUP, (), tmp_path / "site", workers=1).folder
     with player(browser, (site / tiny_scenes.BOTH / "index.html").as_uri()) as (page, said, _):

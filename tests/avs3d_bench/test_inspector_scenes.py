@@ -1,4 +1,4 @@
-"""The viewer on sound scenes (part_3): lanes, stems, siblings, colours; gallery, contact sheet, film and 3D view."""
+"""The viewer on part_3 observations: lanes, stems, siblings, colours; gallery, contact sheet, film and 3D view."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ TITLES = {
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny_scenes.write_sound_scenes(tmp_path_factory.mktemp("scenes") / "tiny", stems=True)
+    return tiny_scenes.write_part_3(tmp_path_factory.mktemp("scenes") / "tiny", stems=True)
 
 
 @pytest.fixture(scope="module")
@@ -258,7 +258,7 @@ def test_the_server_makes_the_files_of_the_site_on_disk(root: Path, site: Path) 
         live.read(f"{FIRST}/stems/background.js")
 
 
-def test_an_older_site_of_sound_scenes_is_replaced(root: Path, site: Path, tmp_path: Path) -> None:
+def test_an_older_site_of_part_3_is_replaced(root: Path, site: Path, tmp_path: Path) -> None:
     shutil.copytree(site, tmp_path / "site")
     built = build_site(Dataset(root), [SILENT], (), tmp_path / "site", workers=1)
     assert (built.pages, built.problems) == (1, ())
@@ -378,7 +378,7 @@ def test_a_film_marks_each_audible_source_in_its_colour(root: Path) -> None:
 
 
 @pytest.mark.parametrize("key", [BOTH, SILENT, AWAY])
-def test_a_film_of_a_sound_scene_is_written(root: Path, tmp_path: Path, key: str) -> None:
+def test_a_film_of_a_part_3_is_written(root: Path, tmp_path: Path, key: str) -> None:
     pytest.importorskip("av")
     from avs3d_bench.inspector.video import write_video
 
@@ -435,7 +435,7 @@ def test_the_gallery_says_what_sounds_and_filters_by_it(site: Path, browser: Any
         page = opened.page
         assert cards(page) == ["Microwave #1", "Microwave #3", "3 sources", "Silence", "Telephone, off-screen"]
         assert page.locator(".tag", has_text="group of 5").count() == 5
-        assert "Part 3, sound scenes" in page.text_content("#filters")
+        assert "Part 3, several sources" in page.text_content("#filters")
         for value, expected in (
             ("category=telephone", ["3 sources", "Telephone, off-screen"]),
             ("category=_nothing", ["Silence"]),
@@ -476,7 +476,7 @@ def test_lanes_have_buttons_only_where_there_are_stems_and_a_reason_elsewhere(
         page.locator("[data-lane=source_2] svg").click(position={"x": 5, "y": 5})
         drawn(page, 0)
         assert not said
-    plain = tiny_scenes.write_sound_scenes(tmp_path / "plain")
+    plain = tiny_scenes.write_part_3(tmp_path / "plain")
     folder = build_site(Dataset(plain), [FIRST, SILENT], (), tmp_path / "site", workers=1).folder
     with player(browser, (folder / FIRST / "index.html").as_uri()) as (page, said, _):
         assert page.locator(".lane").count() == 1
@@ -724,9 +724,7 @@ def test_the_truth_has_the_colours_of_the_sources(root: Path, browser: Any) -> N
 
 
 @pytest.mark.parametrize("key", [BOTH, AWAY, SILENT])
-def test_pages_of_sound_scenes_fit_a_phone_and_everything_to_press_has_a_name(
-    site: Path, browser: Any, key: str
-) -> None:
+def test_pages_of_part_3_fit_a_phone_and_everything_to_press_has_a_name(site: Path, browser: Any, key: str) -> None:
     with visit(browser, site / key / "index.html", width=360) as opened:
         opened.page.wait_for_timeout(150)
         assert opened.overflow <= 0

@@ -80,7 +80,7 @@ def pages(root: Path, submission: Path) -> dict[str, Path]:
     """Every kind of page."""
     dataset = Dataset(root)
     site = build_site(dataset, dataset.keys, open_submissions(dataset, [submission]), root.parent / "site", workers=1)
-    scenes = Dataset(tiny_scenes.write_sound_scenes(root.parent / "scenes", stems=True))
+    scenes = Dataset(tiny_scenes.write_part_3(root.parent / "scenes", stems=True))
     heard = build_site(scenes, scenes.keys, (), root.parent / "heard", workers=1)
     report, scores, board = root.parent / "s.html", root.parent / "s.json", root.parent / "board"
     with pytest.raises(SystemExit) as end:
@@ -179,7 +179,7 @@ def test_the_player_opens_on_a_frame_that_shows_something_audible(root: Path, tm
         site = ObservationSite(Dataset(root), key, ())
         assert site.facts.moments[site.opening].visible
         assert site.facts.moments[site.opening].name == site.poster.name, "the picture of the gallery"
-    scenes = Dataset(tiny_scenes.write_sound_scenes(tmp_path / "scenes"))
+    scenes = Dataset(tiny_scenes.write_part_3(tmp_path / "scenes"))
     for key in scenes.keys:
         site = ObservationSite(scenes, key, ())
         if any(moment.visible for moment in site.facts.moments):

@@ -22,7 +22,7 @@ from tests.support import tiny_scenes
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a dataset and its shards, one for each split."""
     place = tmp_path_factory.mktemp("shards")
-    tiny_scenes.write_sound_scenes(place / "data", frames=9, size=32)
+    tiny_scenes.write_part_3(place / "data", frames=9, size=32)
     write_webdataset(place / "data", place / "shards", workers=1)
     return place
 

@@ -71,7 +71,7 @@ def test_what_the_table_calls_unseen_is_unseen(plain: Path, tmp_path: Path, one:
     assert tampering.tampered(plain, tmp_path / "data", one) == ()
 
 
-# --- sound scenes (part_3) ------------------------------------------------------------------------------------------
+# --- part_3 observations ------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -83,11 +83,11 @@ def scenes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 @pytest.mark.parametrize("needs", ["", "stems", "rirs"])
-def test_the_sound_scenes_are_valid(scenes: dict[str, Path], needs: str):
+def test_the_part_3_are_valid(scenes: dict[str, Path], needs: str):
     assert validate(scenes[needs], deep=True).problems == ()
 
 
-def test_the_table_of_sound_scenes_has_each_falsification_once():
+def test_the_table_of_part_3_has_each_falsification_once():
     names = [(one.group, one.name) for one in SCENE_MUTATIONS]
     assert len(set(names)) == len(names)
     assert sum(not one.unseen for one in SCENE_MUTATIONS) >= 50
@@ -95,7 +95,7 @@ def test_the_table_of_sound_scenes_has_each_falsification_once():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("one", SCENE_MUTATIONS, ids=_name)
-def test_a_falsified_sound_scene(scenes: dict[str, Path], tmp_path: Path, one: SceneMutation):
+def test_a_falsified_part_3(scenes: dict[str, Path], tmp_path: Path, one: SceneMutation):
     problems = tampering_scenes.tampered(scenes[one.needs], tmp_path / "data", one)
     if one.unseen:
         assert problems == ()  # else a check has become better: the table and docs/validation.md should say so

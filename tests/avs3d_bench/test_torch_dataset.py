@@ -256,20 +256,20 @@ def test_arguments_that_mean_nothing(ours: Path, options: dict[str, Any], messag
         AVS3DDataset(ours, **options)
 
 
-# --- sound scenes (part_3) ------------------------------------------------------------------------------------------
+# --- part_3 observations ------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def scenes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("loading") / "scenes"
-    return tiny_scenes.write_sound_scenes(folder, frames=4, stems=True)
+    return tiny_scenes.write_part_3(folder, frames=4, stems=True)
 
 
 @pytest.fixture(scope="module")
 def all_parts(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("loading") / "all"
     tiny.write_dataset(root, frames=4)
-    return tiny_scenes.write_sound_scenes(root, frames=4, stems=True, keys=GROUP)
+    return tiny_scenes.write_part_3(root, frames=4, stems=True, keys=GROUP)
 
 
 def test_an_item_of_a_scene(scenes: Path):
@@ -336,7 +336,7 @@ def test_what_is_not_read_is_not_there(scenes: Path):
 
 
 def test_stems_that_were_not_kept_are_one_line(tmp_path: Path):
-    root = tiny_scenes.write_sound_scenes(tmp_path / "data", frames=2)
+    root = tiny_scenes.write_part_3(tmp_path / "data", frames=2)
     with pytest.raises(Avs3dError, match=r"stems: missing; load with stems=False$"):
         AVS3DDataset(root, "all", stems=True)
 

@@ -1,4 +1,4 @@
-"""The checks of sound scenes (part_3) that are formulas, and valid trees of unusual kinds."""
+"""The checks of part_3 observations that are formulas, and valid trees of unusual kinds."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tests.support.tiny_scenes import AWAY, BOTH, FIRST, GROUP, SECOND, SILENT
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny_scenes.write_sound_scenes(tmp_path_factory.mktemp("scenes") / "data", stems=True, frames=6)
+    return tiny_scenes.write_part_3(tmp_path_factory.mktemp("scenes") / "data", stems=True, frames=6)
 
 
 def record_of(root: Path, key: str) -> ObservationRecord:
@@ -169,7 +169,7 @@ def test_a_clip_with_a_loud_background_is_not_judged(root: Path):
 @pytest.mark.parametrize("deep", [False, True])
 def test_a_part_of_a_group_has_one_warning_per_sibling(tmp_path: Path, deep: bool):
     """As made with --only: the first of the group is not there."""
-    whole = tiny_scenes.write_sound_scenes(tmp_path / "data", frames=2, keys=(FIRST, SECOND, SILENT))
+    whole = tiny_scenes.write_part_3(tmp_path / "data", frames=2, keys=(FIRST, SECOND, SILENT))
     shutil.rmtree(whole / FIRST)
     data = media.read_json(whole / "dataset.json")
     data["observations"] = data["observations"][1:]
@@ -248,7 +248,7 @@ def test_variants_may_share_a_clip_and_silent_clips_are_no_takes(tmp_path: Path,
     copy = tiny.clone(root, tmp_path / "data")
     with_the_clip_of_the_first(copy, 3, variant_of=FIRST)
     assert shared_takes(copy) == []
-    silent = tiny_scenes.write_sound_scenes(tmp_path / "silent", frames=2, keys=(FIRST, SILENT))
+    silent = tiny_scenes.write_part_3(tmp_path / "silent", frames=2, keys=(FIRST, SILENT))
     shutil.copytree(silent / SILENT, silent / AWAY)
     record = media.read_json(silent / AWAY / "observation.json") | {"key": AWAY, "index": 5}
     media.write_json(silent / AWAY / "observation.json", record)
@@ -314,7 +314,7 @@ def test_what_is_read_of_a_manifest():
 
 
 def test_groups_and_categories_are_those_of_the_manifest(tmp_path: Path):
-    root = tiny_scenes.write_sound_scenes(tmp_path / "data", frames=2, keys=(FIRST, SECOND))
+    root = tiny_scenes.write_part_3(tmp_path / "data", frames=2, keys=(FIRST, SECOND))
 
     def manifest(text: str) -> list[str]:
         data = media.read_json(root / "dataset.json")

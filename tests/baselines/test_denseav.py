@@ -249,7 +249,7 @@ def test_digital_silence_gives_empty_masks_without_asking_the_network(tmp_path: 
 
         forward_image = forward_audio
 
-    dataset = Dataset(tiny_scenes.write_sound_scenes(tmp_path / "data", frames=9))
+    dataset = Dataset(tiny_scenes.write_part_3(tmp_path / "data", frames=9))
     silent = dataset[tiny_scenes.SILENT]
     masks = denseav.DenseAv(Refusing(), CPU).masks(silent.test)  # type: ignore[arg-type]
     assert len(masks) == len(silent.test)

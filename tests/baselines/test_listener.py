@@ -46,7 +46,7 @@ def settings(**changed: Any) -> Settings:
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Shards of two pictures with five sounds each."""
     folder = tmp_path_factory.mktemp("listener")
-    tiny_scenes.write_sound_scenes(folder / "set", frames=2, size=64)
+    tiny_scenes.write_part_3(folder / "set", frames=2, size=64)
     write_webdataset(folder / "set", folder / "shards", workers=1)
     return folder / "shards"
 

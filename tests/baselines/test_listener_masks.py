@@ -91,7 +91,7 @@ def test_every_object_of_the_category_is_marked_where_one_object_sounds() -> Non
     assert found.audible.argmax() == CLOCK
 
 
-def test_in_sound_scenes_the_probability_is_that_of_the_networks_match_map() -> None:
+def test_in_part_3_the_probability_is_that_of_the_networks_match_map() -> None:
     rng = np.random.default_rng(0)
     classes, audible = torch.tensor(rng.normal(size=(1, 8, 126, 126))), torch.tensor(rng.normal(size=(1, 7)))
     expected = match_map(classes, audible)[0, 0].numpy()
@@ -108,7 +108,7 @@ def test_train_frames_of_parts_1_and_2_share_the_category(data: Path, monkeypatc
 
 
 def test_in_part_3_each_frame_says_what_it_hears(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    root = tiny_scenes.write_sound_scenes(tmp_path / "set", keys=(tiny_scenes.FIRST,))
+    root = tiny_scenes.write_part_3(tmp_path / "set", keys=(tiny_scenes.FIRST,))
     first, second, *_ = scripted(monkeypatch).mark(Dataset(root)[tiny_scenes.FIRST].train, CPU)
     assert set(np.unique(first)) == {0, 1 + CLOCK}
     assert set(np.unique(second)) == {0, 1 + MICROWAVE}
@@ -212,7 +212,7 @@ class TrueMarker:
 
     def mark(self, frames: Sequence[Frame], device: Any) -> Iterator[np.ndarray]:
         for number, frame in enumerate(frames):
-            named = OracleMasks().categories(frame) if frame.observation.is_sound_scene else None
+            named = OracleMasks().categories(frame) if frame.observation.is_part_3 else None
             ids = OracleMasks().mask(frame).astype(np.uint8) if named is None else named
             yield ids if number % self.every == 0 else np.zeros_like(ids)
 
@@ -253,7 +253,7 @@ def test_an_object_that_is_recognised_in_some_frames_only_is_found(
     assert sometimes[0] >= 0.9 * always[0] > 0
     assert sometimes[1] <= 1.1 * always[1]
     notes = media.read_json(tmp_path / "sometimes" / layout.SUBMISSION_JSON)["notes"]
-    assert "voting threshold 0.5 of what well-marked Gaussians have (sound scenes: of all votes)" in notes
+    assert "voting threshold 0.5 of what well-marked Gaussians have (part_3 observations: of all votes)" in notes
     # A third of all votes is not enough.
     monkeypatch.setattr(pipeline, "is_relative", lambda *_: False)
     assert marked(3, "of all votes")[0] < 0.5 * always[0]
@@ -281,7 +281,7 @@ def test_a_sweep_takes_no_threshold(data: Path, tmp_path: Path) -> None:
 def test_official_makes_the_same_of_the_masks_of_a_perfect_network_and_of_the_oracle(
     data: Path, tmp_path: Path
 ) -> None:
-    scenes = tiny_scenes.write_sound_scenes(tmp_path / "scenes", frames=17)
+    scenes = tiny_scenes.write_part_3(tmp_path / "scenes", frames=17)
     for root, keys in ((data, [tiny.MULTI]), (scenes, [tiny_scenes.BOTH, tiny_scenes.SILENT])):
         for network, oracle in lift_both(root, tmp_path, "official", keys):
             assert network.read_bytes() == oracle.read_bytes()
@@ -290,7 +290,7 @@ def test_official_makes_the_same_of_the_masks_of_a_perfect_network_and_of_the_or
 @pytest.mark.slow
 def test_spatial_makes_one_object_of_the_marks_of_a_perfect_network_too(data: Path, tmp_path: Path) -> None:
     """Its candidates are made otherwise: clusters farther apart are joined, up to the size of the category."""
-    scenes = tiny_scenes.write_sound_scenes(tmp_path / "scenes", frames=17)
+    scenes = tiny_scenes.write_part_3(tmp_path / "scenes", frames=17)
 
     def masks(root: Path, key: str) -> list[tuple[np.ndarray, np.ndarray]]:
         pairs = lift_both(root, tmp_path, "spatial", [key])

@@ -37,7 +37,7 @@ def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def scenes(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny_scenes.write_sound_scenes(tmp_path_factory.mktemp("scenes") / "set", frames=10, size=64)
+    return tiny_scenes.write_part_3(tmp_path_factory.mktemp("scenes") / "set", frames=10, size=64)
 
 
 def answer(box: tuple[int, int, int, int], logit: float = 5.0) -> Answer:

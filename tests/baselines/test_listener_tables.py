@@ -25,10 +25,10 @@ PAGE = "# Listener\n\nbefore\n\n<!-- tables -->\nold\n<!-- end of tables -->\n\n
 
 @pytest.fixture(scope="module")
 def ran(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the rows of a tiny dataset of sound scenes, and what was said of them."""
+    """A folder with the rows of a tiny dataset of part_3 observations, and what was said of them."""
     folder = tmp_path_factory.mktemp("tables")
     keys = (tiny_scenes.FIRST, tiny_scenes.SECOND)
-    tiny_scenes.write_sound_scenes(folder / "scenes", frames=9, size=32, keys=keys)
+    tiny_scenes.write_part_3(folder / "scenes", frames=9, size=32, keys=keys)
     torch.manual_seed(0)
     weights.save_weights(Listener(SMALL), folder / "weights")
     with pytest.MonkeyPatch.context() as patch:

@@ -1,4 +1,4 @@
-"""The oracles on sound scenes (part_3): several instances, silence, class ids, errors, and the two deaf ones."""
+"""The oracles on part_3 observations: several instances, silence, class ids, errors, and the two deaf ones."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MICROWAVE, TELEPHONE = 4, 7
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny_scenes.write_sound_scenes(tmp_path_factory.mktemp("data") / "scenes", frames=FRAMES)
+    return tiny_scenes.write_part_3(tmp_path_factory.mktemp("data") / "scenes", frames=FRAMES)
 
 
 def frame(data: Path, key: str, index: int = 0) -> Frame:

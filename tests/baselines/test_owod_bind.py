@@ -428,7 +428,7 @@ def test_digital_silence_gives_an_empty_mask_without_asking_for_similarity(tmp_p
         def logits(self, *_: Any) -> Any:
             raise AssertionError("asked")
 
-    dataset = Dataset(tiny_scenes.write_sound_scenes(tmp_path / "data", frames=9))
+    dataset = Dataset(tiny_scenes.write_part_3(tmp_path / "data", frames=9))
     model = with_squares(Refusing(LEFT))
     assert not any(mask.any() for mask in model.masks_of(dataset[tiny_scenes.SILENT].test))
 

@@ -163,7 +163,7 @@ def test_the_share_of_wrong_observations_can_be_compared_on_request() -> None:
         metric_of("strict.iou")
 
 
-# --- Sound scenes -----------------------------------------------------------------------------------------------------
+# --- part_3 ---------------------------------------------------------------------------------------------------------
 
 
 def test_under_listen_groups_are_drawn_and_change_sign() -> None:

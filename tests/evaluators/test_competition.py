@@ -64,9 +64,9 @@ def trees(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 @pytest.fixture(scope="module")
 def scene_trees(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """(public, private) of a group of sound scenes."""
+    """(public, private) of a group of part_3 observations."""
     folder = tmp_path_factory.mktemp("scenes")
-    private = tiny_scenes.write_sound_scenes(folder / "private")
+    private = tiny_scenes.write_part_3(folder / "private")
     return split(private, folder / "public"), private
 
 
@@ -374,7 +374,7 @@ def test_another_protocol_version_is_refused(bundle: Path, oracle: Path, tmp_pat
 
 
 @pytest.mark.slow
-def test_sound_scenes_are_ranked_by_pairs(scene_trees: tuple[Path, Path], tmp_path: Path) -> None:
+def test_part_3_are_ranked_by_pairs(scene_trees: tuple[Path, Path], tmp_path: Path) -> None:
     write_codabench(*scene_trees, tmp_path / "bundle.zip", SETTINGS)
     assert check_bundle(tmp_path / "bundle.zip") == ()
     write_oracle(scene_trees[1], tmp_path / "oracle")

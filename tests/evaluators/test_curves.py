@@ -183,7 +183,7 @@ def test_fewer_than_six_observations_have_no_interval():
 def scored(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Any, Sequence[FrameRow]]]:
     """Scores and rows of a tree of part_1 and part_2, and of one of part_3."""
     found = {}
-    for name, write in (("objects", tiny.write_dataset), ("scenes", tiny_scenes.write_sound_scenes)):
+    for name, write in (("objects", tiny.write_dataset), ("scenes", tiny_scenes.write_part_3)):
         root = write(tmp_path_factory.mktemp(name) / "data", frames=17)
         evaluation = evaluate(submit(root.parent / "submission", root, shifted), root)
         found[name] = (evaluation.scores, frame_rows(evaluation, Dataset(root)))

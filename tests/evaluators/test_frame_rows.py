@@ -40,7 +40,7 @@ def scored(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Evaluation]:
 
 @pytest.fixture(scope="module")
 def scenes(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Evaluation]:
-    root = tiny_scenes.write_sound_scenes(tmp_path_factory.mktemp("frames") / "scenes", frames=FRAMES)
+    root = tiny_scenes.write_part_3(tmp_path_factory.mktemp("frames") / "scenes", frames=FRAMES)
     return root, evaluate(submit(root.parent / "submission", root, shifted), root)
 
 
@@ -143,7 +143,7 @@ def test_a_reverberation_time_is_taken_over(tmp_path: Path):
     assert "t30_s" not in found.unavailable
 
 
-def test_the_source_of_a_sound_scene_is_the_loudest(scenes: tuple[Path, Evaluation]):
+def test_the_source_of_a_part_3_is_the_loudest(scenes: tuple[Path, Evaluation]):
     root, _ = scenes
     rows = rows_of(scenes)
     record = Dataset(root)[BOTH].record

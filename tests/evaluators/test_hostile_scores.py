@@ -323,7 +323,7 @@ def test_a_contradiction_is_one_line(
 def test_files_of_the_evaluator_follow_from_their_observations(tmp_path: Path):
     """Nine digits, three parts, twins, siblings and missing figures: none of it is a contradiction."""
     tiny.write_dataset(tmp_path / "plain", frames=17, size=32)
-    tiny_scenes.write_sound_scenes(tmp_path / "scenes")
+    tiny_scenes.write_part_3(tmp_path / "scenes")
     for root in (tmp_path / "plain", tmp_path / "scenes"):
         dataset = Dataset(root)
         folder = tmp_path / f"{root.name}-submission"

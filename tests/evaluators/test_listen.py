@@ -1,4 +1,4 @@
-"""Protocol listen: the figures of sound scenes, against masks counted by hand, and what no deaf method can do."""
+"""Protocol listen: the figures of part_3, against masks counted by hand, and what no deaf method can do."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ FRAMES = 17  # three test frames: 0, 8 and 16; frame 16 looks away
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny_scenes.write_sound_scenes(tmp_path_factory.mktemp("data") / "scenes", frames=FRAMES)
+    return tiny_scenes.write_part_3(tmp_path_factory.mktemp("data") / "scenes", frames=FRAMES)
 
 
 def add_categories(folder: Path, root: Path, predict: Any) -> Path:

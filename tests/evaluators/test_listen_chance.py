@@ -18,7 +18,7 @@ from tests.support.tiny_scenes import AWAY, FIRST, GROUP, SECOND, SILENT
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny_scenes.write_sound_scenes(tmp_path_factory.mktemp("data") / "scenes", frames=17)
+    return tiny_scenes.write_part_3(tmp_path_factory.mktemp("data") / "scenes", frames=17)
 
 
 def test_two_twins(data: Path):

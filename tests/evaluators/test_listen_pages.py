@@ -1,4 +1,4 @@
-"""Report, leaderboard and tables of sound scenes (protocol listen)."""
+"""Report, leaderboard and tables of part_3 observations (protocol listen)."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from tests.support.tiny_scenes import AWAY, BOTH, FIRST, SECOND, SILENT
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny_scenes.write_sound_scenes(tmp_path_factory.mktemp("data") / "scenes", frames=17)
+    return tiny_scenes.write_part_3(tmp_path_factory.mktemp("data") / "scenes", frames=17)
 
 
 def confused(frame: Frame) -> np.ndarray:
@@ -89,7 +89,7 @@ def test_silent_twins_are_those_of_what_is_audible_in_the_frame(data: Path):
     assert found == [(3,), (), (2,), (3,), (1,)]
 
 
-def test_a_frame_of_a_sound_scene_says_what_sounds(data: Path, written: Path):
+def test_a_frame_of_a_part_3_says_what_sounds(data: Path, written: Path):
     with open_submission(written / "confused") as opened:
         both = draw_triple(FrameScore(BOTH, "frame_000", True, 1.0, 0.1), Dataset(data), opened)
         silent = draw_triple(FrameScore(SILENT, "frame_000", False, None, 0.1), Dataset(data), opened)
@@ -124,7 +124,7 @@ def test_siblings_are_drawn_side_by_side(data: Path, written: Path):
     assert found.frame.data != first.picture.data != second.picture.data
 
 
-def test_a_report_of_sound_scenes(written: Path):
+def test_a_report_of_part_3(written: Path):
     page = (written / "confused.html").read_text()
     said = text_of(page)
     assert "The same picture under other sounds" in said
@@ -172,7 +172,7 @@ def tables_of(values: dict[str, Any], part: str, protocol: str) -> Any:
     return view.tables
 
 
-def test_sound_scenes_are_ranked_by_pair_accuracy(written: Path):
+def test_part_3_are_ranked_by_pair_accuracy(written: Path):
     files = [written / f"{name}.json" for name in ("confused", "deaf", "perfect")]
     (table,) = tables_of(leaderboard_values(read_entries(files)), "part_3", "listen")
     assert table.ranking.name == "pair_accuracy"
@@ -189,7 +189,7 @@ def test_the_page_of_a_leaderboard(written: Path, tmp_path: Path):
     notes = write_leaderboard(tmp_path / "board", [written / "confused.json", written / "perfect.json"])
     assert not notes
     said = text_of((tmp_path / "board" / "index.html").read_text())
-    assert "sound scenes (part 3) by pair accuracy" in said
+    assert "part_3 observations by pair accuracy" in said
     assert "ranked by pair accuracy" in said
     assert (tmp_path / "board" / "reports" / "perfect.html").exists()
 
@@ -209,7 +209,7 @@ def test_parts_that_a_protocol_does_not_score_have_no_rows(data: Path, tmp_path:
     }  # fmt: skip
 
 
-def test_sound_scenes_without_siblings_are_ranked_by_iou(data: Path, tmp_path: Path):
+def test_part_3_without_siblings_are_ranked_by_iou(data: Path, tmp_path: Path):
     """Without observation.json no observation has a sibling, so that nobody has a pair accuracy."""
     root = tiny.clone(data, tmp_path / "data")
     for key in tiny_scenes.GROUP:
@@ -236,7 +236,7 @@ def test_sound_scenes_without_siblings_are_ranked_by_iou(data: Path, tmp_path: P
 # --- The tables -------------------------------------------------------------------------------------------------------
 
 
-def test_tables_of_sound_scenes(written: Path, tmp_path: Path):
+def test_tables_of_part_3(written: Path, tmp_path: Path):
     write_tables(tmp_path / "t", [written / "perfect.json", written / "confused.json"], plot=True)
     with (tmp_path / "t" / "table2.csv").open() as stream:
         rows = {row["method"]: row for row in csv.DictReader(stream)}
@@ -245,7 +245,7 @@ def test_tables_of_sound_scenes(written: Path, tmp_path: Path):
     assert float(rows["deaf oracle: all"]["listen_pair_accuracy"]) == 0
     assert rows["perfect"]["part"] == "part_3"
     text = (tmp_path / "t" / "table2.md").read_text()
-    assert "### Part 3, sound scenes (n = 5)" in text
+    assert "### Part 3, several sources (n = 5)" in text
     assert "listen pair accuracy" in text or "pair accuracy" in text
     assert "In the paper, and not among these files" not in text
     assert "No row of the paper" not in text

@@ -177,7 +177,7 @@ def test_the_table_shows_the_deaf_rows_of_every_part(data: Path, tmp_path: Path,
     assert "deaf: true masks, chosen without the sound" in lines
     assert "category: every instance of the sounding category" in lines
     assert any(line.startswith("most seen: ") for line in lines)
-    assert not any(line.startswith("all: ") for line in lines), "the dataset has no sound scenes"
+    assert not any(line.startswith("all: ") for line in lines), "the dataset has no part_3 observations"
     assert "no such row" not in out
 
 

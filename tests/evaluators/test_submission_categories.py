@@ -1,4 +1,4 @@
-"""Submissions to sound scenes: class ids beside the masks, written and checked; submissions for the wrong layout."""
+"""Submissions to part_3: class ids beside the masks, written and checked; submissions for the wrong layout."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tests.support.tiny_scenes import BOTH, FIRST, GROUP, SILENT
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny_scenes.write_sound_scenes(tmp_path_factory.mktemp("data") / "scenes", frames=9)
+    return tiny_scenes.write_part_3(tmp_path_factory.mktemp("data") / "scenes", frames=9)
 
 
 @pytest.fixture(scope="module")
@@ -230,7 +230,7 @@ def test_other_folders_of_part_3_are_surplus(submission: Path, data: Path):
 # --- The wrong layout -------------------------------------------------------------------------------------------------
 
 
-def test_masks_of_part_1_for_sound_scenes(data: Path, tmp_path: Path):
+def test_masks_of_part_1_for_part_3(data: Path, tmp_path: Path):
     submission = submit(tmp_path / "s", tiny.write_dataset(tmp_path / "other", frames=9), true_mask)
     assert {path: m for path, m in errors(submission, data).items() if path != "submission.json"} == {
         "part_1": "masks of part_1, but the dataset has only part_3",
@@ -239,7 +239,7 @@ def test_masks_of_part_1_for_sound_scenes(data: Path, tmp_path: Path):
     }
 
 
-def test_masks_of_sound_scenes_for_parts_1_and_2(good: Path, tmp_path: Path):
+def test_masks_of_part_3_for_parts_1_and_2(good: Path, tmp_path: Path):
     root = tiny.write_dataset(tmp_path / "other", frames=9)
     assert {path: m for path, m in errors(good, root).items() if path != "submission.json"} == {
         "part_1": "missing; expected 2 masks of 1 observation",

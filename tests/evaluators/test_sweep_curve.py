@@ -247,7 +247,7 @@ def test_what_makes_no_curve_is_refused_in_one_line(tmp_path: Path) -> None:
 
 
 def test_a_file_of_scores_states_the_conditions_of_variants(tmp_path: Path) -> None:
-    data = tiny_scenes.write_sound_scenes(tmp_path / "data", frames=9, size=32, keys=(FIRST, SECOND, AWAY))
+    data = tiny_scenes.write_part_3(tmp_path / "data", frames=9, size=32, keys=(FIRST, SECOND, AWAY))
     plain = evaluate(submit(tmp_path / "plain", data, true_mask), data).scores
     assert all(row.condition is None for row in plain.observations)
     assert '"condition"' not in media.dump_json(plain)

@@ -284,8 +284,8 @@ def test_the_released_pipelines_folders_are_confirmed(data: Path, tmp_path: Path
     assert verify(tmp_path / "scores.json", moved, release).same
 
 
-def test_sound_scenes_are_confirmed(tmp_path: Path) -> None:
-    root = tiny_scenes.write_sound_scenes(tmp_path / "data", frames=FRAMES, size=32)
+def test_part_3_are_confirmed(tmp_path: Path) -> None:
+    root = tiny_scenes.write_part_3(tmp_path / "data", frames=FRAMES, size=32)
     submission = submit(tmp_path / "s", root)
     write_json(tmp_path / "scores.json", evaluate(submission, root).scores)
     found = verify(tmp_path / "scores.json", submission, root)

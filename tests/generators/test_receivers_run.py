@@ -196,7 +196,7 @@ def test_the_intensity_of_the_direct_sound_points_to_the_source(every: Dataset) 
 
 
 @pytest.mark.slow
-def test_a_sound_scene_is_the_sum_of_its_stems(every: Dataset) -> None:
+def test_a_part_3_is_the_sum_of_its_stems(every: Dataset) -> None:
     for frame in every[SCENE].frames:
         for receiver, whole in (("ambisonics", frame.ambisonics()), ("array", frame.array())):
             names = ("source_1", "source_2", "background")

@@ -48,7 +48,7 @@ def groups(manifest: Manifest) -> list[list[ObservationSpec]]:
     """The siblings of each group."""
     found: dict[str, list[ObservationSpec]] = {}
     for spec in manifest.observations:
-        if spec.is_sound_scene:
+        if spec.is_part_3:
             found.setdefault(spec.like or spec.key, []).append(spec)
     return list(found.values())
 

@@ -249,7 +249,7 @@ def _written(folder: Path, record: object) -> Path:
     return folder / "expected.json"
 
 
-def test_scores_of_sound_scenes_are_those_of_the_whole_dataset(scenes: Path, tmp_path: Path) -> None:
+def test_scores_of_part_3_are_those_of_the_whole_dataset(scenes: Path, tmp_path: Path) -> None:
     submission = write_submission(tmp_path / "submission", Dataset(scenes / "public"))
     expected = score(submission, scenes / "generated").scores
     result = CliRunner().invoke(

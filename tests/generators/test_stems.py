@@ -1,4 +1,4 @@
-"""Sources of sound scenes: programmes to the sample, stems, what is audible, direct sound against the engine's own."""
+"""Sources of part_3: programmes to the sample, stems, what is audible, direct sound against the engine's own."""
 
 from __future__ import annotations
 

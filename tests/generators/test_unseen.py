@@ -36,7 +36,7 @@ def test_only_test_frames_count(tmp_path: Path) -> None:
 
 
 def test_silence_and_sound_from_elsewhere_are_the_task(tmp_path: Path) -> None:
-    tiny_scenes.write_sound_scenes(tmp_path / "data")
+    tiny_scenes.write_part_3(tmp_path / "data")
     records = [observation.record for observation in Dataset(tmp_path / "data")]
     scenes = [record for record in records if record is not None and record.sources is not None]
     assert {any(source.instance is not None for source in record.sources or ()) for record in scenes} == {True, False}

@@ -524,7 +524,7 @@ def _exact_ends(values: list[Fraction]) -> dict[str, Fraction]:
     return percentiles | {"low": ends[0], "high": ends[1]}
 
 
-# --- Sound scenes: groups of siblings, by both ----------------------------------------------------------------------
+# --- part_3: groups of siblings, by both ----------------------------------------------------------------------------
 
 LETTERS = "mt"  # of the instances; class ids are their places, from 1 on
 

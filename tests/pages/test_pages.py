@@ -71,7 +71,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, homes: Path) -> Iterator[Pa
     dataset = Dataset(folder / "data/demo")
     write_oracle(dataset, folder / "data/demo-submissions/oracle")
     write_trivial("centre-box", dataset, folder / "data/demo-submissions/centre-box")
-    tiny_scenes.write_sound_scenes(folder / "data/listen", frames=9, stems=True)
+    tiny_scenes.write_part_3(folder / "data/listen", frames=9, stems=True)
     shutil.copytree(ROOT / "scenes_manifest", folder / "scenes_manifest")
     manifest = next(block for block in YAML if block.page.name == "part-3.md")
     (folder / "scenes.yaml").write_text(manifest.code, encoding="utf-8")

@@ -117,7 +117,7 @@ def write_seal(
     """
     work = folder / "generated"
     if scenes:
-        tiny_scenes.write_sound_scenes(work, stems=True)
+        tiny_scenes.write_part_3(work, stems=True)
     else:
         tiny.write_dataset(work, frames=frames, extras=True)
     template = (SCENES_TEMPLATE if scenes else TEMPLATE) | {"camera": {"frames": 10 if scenes else frames, "size": 64}}

@@ -1,4 +1,4 @@
-"""Named falsifications of sound scenes (part_3), after which all digests are computed again; see `tampering`.
+"""Named falsifications of part_3 observations, after which all digests are computed again; see `tampering`.
 
 `SCENE_MUTATIONS` says of each what `avs3d validate --deep` must say about which file, or why it cannot be seen. Run as
 a program it prints them with what is found of each:
@@ -35,7 +35,7 @@ RECORD = layout.OBSERVATION_JSON
 
 def write_scenes(root: Path, *, stems: bool = True, rirs: bool = False) -> Path:
     """The group of tests/support/tiny_scenes.py with more sparse points, so that contents can be held to each other."""
-    return tiny_scenes.write_sound_scenes(root, stems=stems, rirs=rirs, points=12)
+    return tiny_scenes.write_part_3(root, stems=stems, rirs=rirs, points=12)
 
 
 class SceneTree(Tree):

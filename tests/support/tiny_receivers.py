@@ -29,7 +29,7 @@ def plane_wave(samples: np.ndarray, azimuth: float, elevation: float) -> np.ndar
 
 
 def add_waves(root: Path) -> None:
-    """Write first-order ambisonics of a dataset of sound scenes: waves from ahead; its hashes are not renewed."""
+    """Write first-order ambisonics of a dataset of part_3: waves from ahead; its hashes are not renewed."""
     for observation in Dataset(root):
         record = observation.record
         assert record is not None

@@ -125,7 +125,7 @@ def level_db(clip: NDArray[np.floating]) -> float:
     return 10 * math.log10(power) if power else -math.inf
 
 
-def _sound_scene(
+def _part_3(
     folder: Path, key: str, frames: int, size: int, *, stems: bool, rirs: bool = False, points: int = 4
 ) -> ObservationRecord:
     place = layout.parse_key(key)
@@ -232,7 +232,7 @@ def _sound_scene(
     return record
 
 
-def write_sound_scenes(
+def write_part_3(
     root: Path,
     *,
     frames: int = FRAMES,
@@ -243,7 +243,7 @@ def write_sound_scenes(
     keys: tuple[str, ...] = GROUP,
 ) -> Path:
     """A valid tree with the siblings ``keys`` (the first of the group must be among them)."""
-    records = [_sound_scene(root / key, key, frames, size, stems=stems, rirs=rirs, points=points) for key in keys]
+    records = [_part_3(root / key, key, frames, size, stems=stems, rirs=rirs, points=points) for key in keys]
     entries = [
         DatasetEntry.of(r, hashlib.sha256((root / r.key / "observation.json").read_bytes()).hexdigest())
         for r in sorted(records, key=lambda r: r.key)

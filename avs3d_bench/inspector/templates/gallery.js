@@ -15,7 +15,7 @@
   ]));
   const wanted = () => text.value.toLowerCase().split(/\s+/).filter(Boolean);
 
-  // A card has one value of a facet, or several (the sources of a sound scene), separated by spaces.
+  // A card has one value of a facet, or several (the sources of a part_3 observation), separated by spaces.
   const values = cards.map((card) => Object.fromEntries(facets.map((facet) => [facet, (card.dataset[facet] ?? "\u0000").split(" ")])));
 
   // Whether a card passes all filters, except that of the facet `except`.

@@ -1,5 +1,5 @@
 "use strict";
-// One lane for each source of a sound scene, and one for the background: programme, level of each frame, solo and mute.
+// One lane for each source, and one for the background: programme, level of each frame, solo and mute.
 window.AVS3D = window.AVS3D ?? {};
 (() => {
   const { make } = window.AVS3D;

@@ -156,7 +156,7 @@ window.AVS3D = window.AVS3D ?? {};
       });
     }
 
-    // A source of a sound scene: a star, or for one outside of the map an arrow at its border.
+    // A source of a part_3 observation: a star, or for one outside of the map an arrow at its border.
     mark(source, w, h) {
       let [x, y] = this.place(...source.at);
       const ray = make("line", { class: "ray" }, this.svg);

@@ -437,7 +437,7 @@
     showHead();
   };
 
-  // ---- sound scenes: stems, and siblings of the group -----------------------------------------------------------
+  // ---- part_3 observations: stems, and siblings of the group -----------------------------------------------------------
   const listen = async (on) => {
     const { key, scene } = data;
     if (clock.stems && !turning()) { clock.stems.choose(on); return; }

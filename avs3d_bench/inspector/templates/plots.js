@@ -88,7 +88,7 @@
       this.show(this.index, this.time);
     }
 
-    // In a sound scene each source has a line of its own, hollow where it is not audible; what is the clip's has no source's colour.
+    // In a part_3 observation each source has a line of its own, hollow where it is not audible; what is the clip's has no source's colour.
     lines(spec) {
       const { frames, scene } = this.data;
       if (!scene || !spec.ofSource) return [{ values: frames.map((frame) => frame[spec.value]), colour: scene ? "var(--bar)" : null, hollow: (i) => !scene && frames[i].sight === false }];
@@ -124,7 +124,7 @@
 
     renew() { this.width = 0; this.ring = null; this.draw(); }
 
-    // Groups of [across, up, frame]: one, or in a sound scene one for each source.
+    // Groups of [across, up, frame]: one, or in a part_3 observation one for each source.
     groups() {
       const { frames, scene } = this.data, both = ([a, b]) => (a ?? b) !== undefined && (a ?? null) !== null && (b ?? null) !== null;
       if (!scene) return [{ colour: null, points: frames.map((f, i) => [f[this.across.value], f[this.up.value], i]).filter(both) }];

@@ -1,5 +1,5 @@
 "use strict";
-// The stems of a sound scene: each source's own track, played at the same samples, each with its own gain. head.js
+// The stems of a part_3 observation: each source's own track, played at the same samples, each with its own gain. head.js
 // plays the ambisonics in the same way, as the only stem.
 window.AVS3D = window.AVS3D ?? {};
 (() => {

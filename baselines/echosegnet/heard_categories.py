@@ -1,4 +1,4 @@
-"""EchoSegnet on sound scenes (part_3): any number of objects sound, each from time to time, or none does.
+"""EchoSegnet on part_3 observations: any number of objects sound, each from time to time, or none does.
 
 The released method keeps one cluster for all frames, and `official` does so here too. `spatial` infers for each frame
 which of the clusters sound (`activity`), from the sound of all frames: a test frame's clip is an input of the task. A

@@ -1,4 +1,4 @@
-"""EchoSegnet on sound scenes, from pictures and sound to a scored submission, on the CPU, on a tiny group."""
+"""EchoSegnet on part_3 observations, from pictures and sound to a scored submission, on the CPU, on a tiny group."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SETTINGS = Settings(training=TrainingSettings(iterations=300, density=DensityCon
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     torch.set_num_threads(1)
-    return tiny_scenes.write_sound_scenes(tmp_path_factory.mktemp("data") / "tiny", frames=FRAMES)
+    return tiny_scenes.write_part_3(tmp_path_factory.mktemp("data") / "tiny", frames=FRAMES)
 
 
 @pytest.fixture(scope="module")

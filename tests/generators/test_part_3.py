@@ -1,4 +1,4 @@
-"""Sound scenes from end to end in a small room: what siblings share, what the stems say, what the masks mark."""
+"""Part_3 observations from end to end in a small room: what siblings share, what the stems say, what the masks mark."""
 
 from __future__ import annotations
 
