@@ -79,7 +79,7 @@ def test_the_same_call_keeps_what_is_finished_and_prints_nothing(
         ({"device": "gpu"}, "device: found 'gpu'; expected one of cpu, cuda"),
         ({"device": None}, "device: found None; expected one of cpu, cuda"),
         ({"vision": ["embree"]}, "vision: found ['embree']; expected one of embree, cuda, habitat"),
-        ({"format": "folder"}, "format: found 'folder'; expected one of folders, tar; did you mean 'folders'?"),
+        ({"format": "folder"}, "format: found 'folder'; expected one of folders, webdataset; did you mean 'folders'?"),
         ({"hrtf": 5}, "hrtf: found 5; expected the path of a file or folder"),
         ({"only": [1]}, "only: found [1]; expected a list of patterns"),
         ({"only": 5}, "only: found 5; expected a list of patterns"),

@@ -166,12 +166,14 @@ def simulated_batches():
 
 def simulated(function):
     """The result of one of the functions above, run in the simulator."""
-    here = Path(__file__).parents[1]
-    code = f"import json, test_tracer_cuda as t; print(json.dumps(t.{function.__name__}()))"
+    root = Path(__file__).parents[2]
+    code = (
+        f"import json; from tests.generators import test_tracer_cuda as t; print(json.dumps(t.{function.__name__}()))"
+    )
     env = os.environ | {
         "NUMBA_ENABLE_CUDASIM": "1",
         "NUMBA_DISABLE_JIT": "1",
-        "PYTHONPATH": os.pathsep.join([str(here), str(here.parent), os.environ.get("PYTHONPATH", "")]),
+        "PYTHONPATH": os.pathsep.join([str(root), os.environ.get("PYTHONPATH", "")]),
     }
     done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
