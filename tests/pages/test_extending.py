@@ -22,6 +22,7 @@ from tests.support.tiny import write_dataset
 
 DOCUMENT = ROOT / "docs/extending.md"
 PAGE = DOCUMENT.read_text(encoding="utf-8")
+GENERATOR = ROOT / "docs/extending-generator.md"
 OBJECTS = ROOT / "docs/own-objects.md"
 
 
@@ -108,7 +109,9 @@ def test_own_category(home: tuple[Desk, str]) -> None:
 
 
 @pytest.mark.parametrize(
-    "change", [block for block in blocks(DOCUMENT) if block.language == "diff"], ids=lambda block: str(block.line)
+    "change",
+    [block for page in (DOCUMENT, GENERATOR) for block in blocks(page) if block.language == "diff"],
+    ids=lambda block: str(block.line),
 )
 def test_each_diff_applies(change: Block, tmp_path: Path) -> None:
     """The examples themselves are slow tests; what they change must not move away unnoticed."""
@@ -199,7 +202,7 @@ def test_baseline(tmp_path: Path, data: Path) -> None:
 @pytest.mark.slow
 def test_option(home: tuple[Desk, str]) -> None:
     desk, _ = home
-    assert "1 made" in desk.follow(DOCUMENT, section(PAGE, "## An option"))
+    assert "1 made" in desk.follow(GENERATOR, section(GENERATOR.read_text(encoding="utf-8"), "## An option"))
     desk.lint()
     (coloured,), (grey,) = Dataset(desk.folder / "data/mine"), Dataset(desk.folder / "data/grey")
     picture = grey.frames[0].rgb().astype(int)
@@ -214,9 +217,27 @@ def test_option(home: tuple[Desk, str]) -> None:
 
 
 @pytest.mark.slow
+def test_field(home: tuple[Desk, str]) -> None:
+    desk, _ = home
+    said = desk.follow(GENERATOR, section(GENERATOR.read_text(encoding="utf-8"), "## A field in `observation.json`"))
+    desk.lint()
+    assert "1 made" in said
+    (observation,) = Dataset(desk.folder / "data/walk")
+    positions = np.array([frame.pose.position for frame in observation.frames])
+    length = float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum())
+    printed = re.search(r"^walked (\S+)$", said, re.M)
+    assert printed
+    assert float(printed[1]) == pytest.approx(length)
+    # A dataset that was made before the field keeps its bytes.
+    code = "from avs3d_bench.formats import files; from avs3d_bench.contract.schema import ObservationRecord as R; "
+    path = next((desk.folder / "data/mine").glob("part_*/*/*/*/observation.json"))
+    desk.run("python", "-c", f"{code}p = r'{path}'; assert files.dump_json(files.read_record(p, R)) == open(p).read()")
+
+
+@pytest.mark.slow
 def test_backend(home: tuple[Desk, str]) -> None:
     desk, _ = home
-    said = desk.follow(DOCUMENT, section(PAGE, "## An engine"))
+    said = desk.follow(GENERATOR, section(GENERATOR.read_text(encoding="utf-8"), "## An engine"))
     desk.lint()
     assert "1 made" in said
     (observation,) = Dataset(desk.folder / "data/free-field")
