@@ -73,18 +73,18 @@ def hear_siblings(plans: Sequence[ObservationPlan], root: Path) -> list[Sibling]
     return found
 
 
-_LAST: dict[str, tuple[Scene, Arrangement]] = {}
+_arrangement_cache: dict[str, tuple[Scene, Arrangement]] = {}
 
 
 def arranged_unlit(plan: ObservationPlan) -> tuple[Scene, Arrangement]:
     """The unlit home of a plan and what is visible in it; the last one is kept for the siblings."""
-    if plan.pictures_digest not in _LAST:
-        _LAST.clear()
+    if plan.pictures_digest not in _arrangement_cache:
+        _arrangement_cache.clear()
         home = (_apartment(plan) if plan.scan.source == "apartment" else open_home(plan, Path())).for_room(
             plan.spec.room
         )
-        _LAST[plan.pictures_digest] = home, arrange(plan, home)
-    return _LAST[plan.pictures_digest]
+        _arrangement_cache[plan.pictures_digest] = home, arrange(plan, home)
+    return _arrangement_cache[plan.pictures_digest]
 
 
 def _apartment(plan: ObservationPlan) -> Scene:

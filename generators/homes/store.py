@@ -11,7 +11,7 @@ from generators.homes.cache import cached_scene
 from generators.plan import ObservationPlan
 
 #: The scan that this process opened last, by its digest.
-_LAST: dict[str, Scene] = {}
+_scan_cache: dict[str, Scene] = {}
 
 
 def prepare_home(plan: ObservationPlan, folder: Path, *, workers: int = 1) -> None:
@@ -49,7 +49,7 @@ def _open_scan(plan: ObservationPlan) -> Scene:
 
     spec, room = plan.scan, plan.spec.room
     files, digest = plan.scan_files, plan.home_digest
-    known = _LAST.get(digest)
+    known = _scan_cache.get(digest)
     # A moved folder holds the same scan, but a renderer may need the new path of its file.
     if known and known.stage and known.stage.path == files.mesh and room in (each.name for each in known.rooms):
         return known
@@ -65,6 +65,6 @@ def _open_scan(plan: ObservationPlan) -> Scene:
         materials=plan.material_file,
         need=(room,),
     )
-    _LAST.clear()
-    _LAST[digest] = scene
+    _scan_cache.clear()
+    _scan_cache[digest] = scene
     return scene
