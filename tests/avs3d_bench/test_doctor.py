@@ -225,6 +225,7 @@ def test_programs_in_turn_share_a_process_and_their_names_stay_apart() -> None:
     assert told[2] == (True, "False")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("breaks", "says"),
     [("import os; os.abort()", "ended by signal 6"), ("raise ValueError('b')", "ValueError: b"),

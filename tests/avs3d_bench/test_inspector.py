@@ -685,6 +685,7 @@ def layers(page: Any, expected: str) -> None:
     until(page, f"document.getElementById('screen').dataset.layers === '{expected}'")
 
 
+@pytest.mark.slow
 def test_the_player_plays_from_disk_and_pictures_follow_the_sound(site: Path, browser: Any) -> None:
     with player(browser, (site / KEY / "index.html").as_uri()) as (page, said, asked):
         assert page.evaluate("document.getElementById('sound').duration") == pytest.approx(tiny.FRAMES)

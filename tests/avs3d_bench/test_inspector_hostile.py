@@ -493,6 +493,7 @@ def connections(server: ViewServer, count: int, sent: bytes) -> list[socket.sock
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sent", [b"", b"GET / HTTP/1.1\r\nHost: 127"])
 def test_connections_that_ask_nothing_leave_room_for_those_that_do(source: Path, sent: bytes) -> None:
     """More than the server takes, idle or with half a head: threads stay bounded, and a question is answered."""

@@ -462,6 +462,7 @@ def test_a_category_of_the_manifest_is_a_filter(root: Path, tmp_path: Path, brow
         assert cards(opened.page) == ["Hair dryer"]
 
 
+@pytest.mark.slow
 def test_lanes_have_buttons_only_where_there_are_stems_and_a_reason_elsewhere(
     site: Path, tmp_path: Path, browser: Any
 ) -> None:
@@ -534,6 +535,7 @@ def opposed(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return build_site(Dataset(copy), GROUP, (), copy.parent / "site", workers=1).folder
 
 
+@pytest.mark.slow
 def test_stems_are_played_at_the_same_sample_also_from_disk(opposed: Path, browser: Any) -> None:
     with player(browser, (opposed / BOTH / "index.html").as_uri()) as (page, said, _):
         page.evaluate(TAP)

@@ -84,6 +84,7 @@ def test_cells_of_a_clip_weigh_one_and_silence_nothing():
     assert found.level_db[0] == pytest.approx(10 * np.log10(power))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sounding", range(3))
 def test_one_source_is_found_in_every_frame(sounding: int):
     walk = listeners()

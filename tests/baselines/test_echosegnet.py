@@ -113,6 +113,7 @@ def test_another_threshold_trains_nothing_again(
     assert said == [0.9, 0.1]
 
 
+@pytest.mark.slow
 def test_masks_from_a_folder_are_those_of_the_oracle(data: Path, tmp_path: Path, work: Path):
     source = OracleMasks("sounding")
     for observation in Dataset(data):

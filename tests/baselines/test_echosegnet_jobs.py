@@ -161,6 +161,7 @@ def test_one_worker_goes_on_after_an_observation_that_failed(data: Path, tmp_pat
     assert list((tmp_path / "work" / tiny.MULTI).glob("votes-*"))
 
 
+@pytest.mark.slow
 def test_a_device_that_is_named_twice_works_on_two_observations_at_a_time(tmp_path: Path):
     (tmp_path / "begun").mkdir()
     devices = spread(("cpu", "cpu"), 2)

@@ -317,6 +317,7 @@ def test_several_sounds_of_a_picture_are_answered_as_one_by_one() -> None:
     torch.testing.assert_close(together.mask[2], alone.mask[0], atol=1e-4, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_the_network_compiles_as_one_graph_with_the_same_answers() -> None:
     """`--compile` would gain little if Python ran between the pieces."""
     network = Listener(SMALL).eval()
@@ -422,6 +423,7 @@ def pair() -> augment.Batch:
     return augment.Batch(pictures, classes, CAMERA, sounds, truth, audible)
 
 
+@pytest.mark.slow
 def test_in_an_overfitted_pair_the_mask_follows_the_sound() -> None:
     """Seconds of training: one picture, two sounds; swapped ears swap the answer."""
     batch, state = pair(), new_state(settings(rate=5e-3))
@@ -471,6 +473,7 @@ def weights_of(result: steps.Result) -> list[Any]:
     return [*result.state.network.state_dict().values(), *result.network.state_dict().values()]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("early", [0, 3])
 def test_a_run_that_goes_on_gives_the_same_weights(
     early: int, store: shards.ShardStore, fabric: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -490,6 +493,7 @@ def test_a_run_that_goes_on_gives_the_same_weights(
     assert {"iou", "fp_rate", "pair_accuracy"} <= lines[-1].keys()
 
 
+@pytest.mark.slow
 def test_pictures_alone_teach_what_is_seen_and_leave_the_rest_as_it_was(
     store: shards.ShardStore, fabric: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -510,6 +514,7 @@ def test_pictures_alone_teach_what_is_seen_and_leave_the_rest_as_it_was(
     assert lines[-2]["counterfactual"] is not None
 
 
+@pytest.mark.slow
 def test_steps_to_come_may_change_while_pictures_alone_are_learnt(
     store: shards.ShardStore, fabric: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -522,6 +527,7 @@ def test_steps_to_come_may_change_while_pictures_alone_are_learnt(
         run(store, tmp_path, fabric, settings(steps=6, picture_steps=4))
 
 
+@pytest.mark.slow
 def test_another_run_is_not_gone_on_with(store: shards.ShardStore, fabric: Any, tmp_path: Path) -> None:
     run(store, tmp_path, fabric, settings(steps=1))
     with pytest.raises(UsageError, match=r"a run with seed 0, asked for 1; use the same, or another folder"):
@@ -605,6 +611,7 @@ def test_settings_that_make_no_batch_are_refused(changed: dict[str, int]) -> Non
         settings(**changed)
 
 
+@pytest.mark.slow
 def test_the_command_trains_and_writes_weights_and_card(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

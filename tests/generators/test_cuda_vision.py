@@ -33,6 +33,7 @@ def trial(mode: str, **env: str) -> tuple[float, float, float]:
     return equal, apart, psnr
 
 
+@pytest.mark.slow
 def test_frames_are_those_of_the_cpu_in_the_simulator() -> None:
     equal, apart, psnr = trial("simulator", NUMBA_ENABLE_CUDASIM="1", NUMBA_DISABLE_JIT="1")
     assert equal >= IDS

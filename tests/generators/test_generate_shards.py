@@ -32,6 +32,8 @@ from generators.cli import generate
 from generators.observation.tar_output import tar_plan_digest
 from tests.support.homes import tree_digest, write_manifest
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("embreex", reason="the renderer of the generate extra")
 
 ROOT = Path(__file__).parents[2]
@@ -208,7 +210,6 @@ def test_siblings_have_the_same_pictures(shards: Path) -> None:
     assert any(second[name] != data for name, data in first.items() if name.startswith("semantic_masks/"))
 
 
-@pytest.mark.slow
 def test_the_bytes_do_not_depend_on_workers_or_on_what_was_there(manifest: Path, shards: Path, tmp_path: Path) -> None:
     assert run(manifest, tmp_path / "two", "--workers", "2", *EXTRAS).exit_code == 0
     assert tree_digest(tmp_path / "two") == tree_digest(shards)
@@ -307,7 +308,6 @@ def test_the_rest_of_an_attempt_is_removed(manifest: Path, shards: Path, tmp_pat
     assert len(list_shards(root)) == 10
 
 
-@pytest.mark.slow
 def test_a_run_goes_on_after_kill_9(manifest: Path, shards: Path, tmp_path: Path) -> None:
     root = tmp_path / "tars"
     command = [sys.executable, "-m", "avs3d_bench", "generate", manifest, "-o", root, "--audio", "analytic"]

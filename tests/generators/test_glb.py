@@ -156,6 +156,7 @@ def test_the_document_is_gltf_with_unlit_materials_seen_from_both_sides(tmp_path
 # --- colours in closed form -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_texels_hold_exposed_toned_light_times_colour_plus_emission(tmp_path: Path) -> None:
     colour, emission, level = np.array([0.8, 0.5, 0.9]), np.array([0.0, 0.03, 0.2]), 170
     texture = Texture("flat", np.full((256, 256, 3), level, dtype=np.uint8))

@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from generators.core import jit
 
 KERNEL = """
@@ -45,6 +47,7 @@ def run(folder: Path, cache: Path, *, name: str, factor: int) -> str:
     return done.stdout.strip()
 
 
+@pytest.mark.slow
 def test_kernels_whose_types_or_sources_changed_are_compiled_again(tmp_path: Path) -> None:
     source = Path(jit.__file__).parents[2]
     shutil.copytree(source / "generators/core", tmp_path / "generators/core")

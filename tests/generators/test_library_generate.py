@@ -107,6 +107,7 @@ def test_a_folder_becomes_entries_that_say_everything(tmp_path: Path, store: Sto
     assert high - low == pytest.approx((0.4, 0.3, 0.24), abs=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "hint"),
     [

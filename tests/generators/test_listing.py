@@ -104,6 +104,7 @@ def test_an_empty_lock_gives_a_page_and_a_file_in_the_way_is_refused(store: Stor
         write_listing([], store, tmp_path / "file")
 
 
+@pytest.mark.slow
 def test_a_thumbnail_shows_the_front_in_its_colour(store: Store) -> None:
     mesh_file = store.mesh(box(store))
     picture = thumbnail(mesh_file)

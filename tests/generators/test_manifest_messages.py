@@ -179,6 +179,7 @@ def test_a_bad_axis_is_told_what_an_axis_is(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.slow
 def test_too_many_intervals_are_refused_before_they_are_looked_at(tmp_path: Path) -> None:
     text = HEAD + SCENE.replace("SOURCE", f"{{category: clock, programme: [{'[9, 1], ' * 100_000}]}}")
     tracemalloc.start()

@@ -31,6 +31,8 @@ from generators.plan import make_plans, read_manifest
 from tests.support.homes import tree_digest, write_manifest
 from tests.support.tiny import clone, replace
 
+pytestmark = pytest.mark.slow
+
 FIRST = "part_3/box/kitchen/1"
 RATE = layout.SAMPLE_RATE
 FRAMES = 12
@@ -261,7 +263,6 @@ def test_frames_made_again_are_the_same_and_a_changed_stem_is_found(
     assert [(p.path, p.message) for p in found] == [(changed, "differs from the regenerated file")]
 
 
-@pytest.mark.slow
 def test_silence_with_responses_and_stems_can_be_regenerated(manifest: Path, tmp_path: Path) -> None:
     """Neither leaves a file in a silent observation, but both count in its plan."""
     key = "part_3/box/kitchen/4"

@@ -180,6 +180,7 @@ def simulated(function):
     return json.loads(done.stdout.splitlines()[-1])
 
 
+@pytest.mark.slow
 def test_the_kernels_find_the_arrivals_of_the_cpu_in_the_same_order(monkeypatch):
     from generators.acoustics.tracer import early
 
@@ -194,6 +195,7 @@ def test_the_kernels_find_the_arrivals_of_the_cpu_in_the_same_order(monkeypatch)
         assert np.array(pressure) == pytest.approx(expected.pressure, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_kernels_make_the_responses_of_the_cpu():
     errors = simulated(simulated_receivers)
     assert len(errors) == 4

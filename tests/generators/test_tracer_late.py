@@ -50,6 +50,7 @@ def decibels(ratio):
     return 10 * np.log10(ratio)
 
 
+@pytest.mark.slow
 def test_a_box_of_mirrors_has_the_energy_of_its_image_sources():
     """Without scattering, early and late part together are the image sources of all orders; nothing counts twice."""
     arrivals = whole(box(0.3, 0.0), LISTENERS, 20_000)
