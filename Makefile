@@ -16,7 +16,7 @@ OUT ?= data/$(NAME)
 WORKERS ?= $(shell nproc 2>/dev/null || echo 2)
 # Processes that share the tests; each takes up to 3 GiB.
 JOBS ?= $(shell n=$(WORKERS); [ "$$n" -gt 8 ] && echo 8 || echo "$$n")
-PYTEST = $(BIN)/python -m pytest -n $(JOBS) --dist worksteal --durations 10
+PYTEST = $(BIN)/python -m pytest -n $(JOBS) --dist worksteal --durations 40
 # A pinned PyTorch; on a machine with a GPU, `make setup TORCH=torch` installs the newest build.
 TORCH ?= torch==2.13.0
 # What pip installs for the listener of `make demo`, if the package has its weights: PyTorch for the CPU. Empty: nothing.
