@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import shutil
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from avs3d_bench.formats import media
 from avs3d_bench.validate import validate
 from generators.apartments.apartment import build_apartment
 from generators.cli import generate
+from generators.core.scene import Scene
 from generators.observation.arrangement import Arrangement
 from generators.observation.regenerate import regenerate
 from generators.observation.sources import SoundSource, choose_sources
@@ -439,6 +441,11 @@ def test_siblings_of_one_that_fails_are_made(group: Dataset, tmp_path: Path) -> 
     assert made == expected
 
 
+@cache
+def flat() -> Scene:
+    return build_apartment("flat", 11)
+
+
 def away(folder: Path, *categories: str, **changes: object) -> tuple[SoundSource, ...]:
     """Off-screen sources of these categories in the living room of an apartment."""
     entry = FIRST_ENTRY | {
@@ -448,7 +455,7 @@ def away(folder: Path, *categories: str, **changes: object) -> tuple[SoundSource
     scans = {"flat": {"source": "apartment", "seed": 11}}
     path = write_manifest(folder, scans=scans, observations=[entry], **changes)
     (plan,) = make_plans(read_manifest(path), GenerateOptions(audio="analytic"))
-    return choose_sources(plan, build_apartment("flat", 11), Arrangement((), (), ()))
+    return choose_sources(plan, flat(), Arrangement((), (), ()))
 
 
 def test_off_screen_sources_of_one_room_stand_apart(tmp_path: Path) -> None:
