@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Iterator
+from functools import partial
 
 import pytest
 from hypothesis import settings
+
+from tests.support import tiny, tiny_scenes
+from tests.support.shared import SharedDatasets
 
 # A slow machine is no failure of a test, and the same sources pass or fail in the same way on every machine.
 # `pytest --hypothesis-profile explore` draws other examples each time.
@@ -38,3 +43,19 @@ def pytest_configure(config: pytest.Config) -> None:
     """
     if hasattr(config, "workerinput"):
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(scope="session")
+def shared_dataset(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SharedDatasets]:
+    """Datasets of part_1 and part_2 that tests only read: ``shared_dataset(frames=9)``."""
+    made = SharedDatasets(tiny.write_dataset, partial(tmp_path_factory.mktemp, "shared"))
+    yield made
+    made.check()
+
+
+@pytest.fixture(scope="session")
+def shared_part_3(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SharedDatasets]:
+    """Datasets of part_3 that tests only read: ``shared_part_3(stems=True)``."""
+    made = SharedDatasets(tiny_scenes.write_part_3, partial(tmp_path_factory.mktemp, "shared"))
+    yield made
+    made.check()

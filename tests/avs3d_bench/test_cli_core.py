@@ -17,11 +17,12 @@ import pytest
 from avs3d_bench import __version__, cli
 from avs3d_bench.errors import Avs3dError, UsageError
 from tests.support import tiny
+from tests.support.shared import SharedDataset
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny.write_dataset(tmp_path_factory.mktemp("tiny") / "data", frames=4, size=32)
+def data(shared_dataset: SharedDataset) -> Path:
+    return shared_dataset(frames=4, size=32)
 
 
 def avs3d(*arguments: object, **options: Any) -> subprocess.CompletedProcess[str]:

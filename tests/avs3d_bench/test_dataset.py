@@ -15,11 +15,12 @@ from avs3d_bench.formats import media
 from avs3d_bench.formats.colmap import write_model
 from avs3d_bench.geometry import Intrinsics, direction_to, rotation_angle
 from tests.support import tiny, tiny_scenes
+from tests.support.shared import SharedDataset
 
 
 @pytest.fixture(scope="module")
-def ours(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny.write_dataset(tmp_path_factory.mktemp("tiny") / "ours", extras=True)
+def ours(shared_dataset: SharedDataset) -> Path:
+    return shared_dataset(extras=True)
 
 
 @pytest.fixture(scope="module", params=["names", "files", "cameras", "absent"])

@@ -40,13 +40,14 @@ from avs3d_bench.exports.webdataset import header, room
 from avs3d_bench.formats import media
 from avs3d_bench.validate import validate
 from tests.support import tiny
+from tests.support.shared import SharedDataset
 
 ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
-def ours(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny.write_dataset(tmp_path_factory.mktemp("exports") / "data", extras=True)
+def ours(shared_dataset: SharedDataset) -> Path:
+    return shared_dataset(extras=True)
 
 
 @pytest.fixture(scope="module")

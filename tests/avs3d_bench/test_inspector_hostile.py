@@ -34,6 +34,7 @@ from avs3d_bench.inspector.submissions import open_submissions
 from avs3d_bench.submission import SubmissionWriter
 from tests.support import tiny
 from tests.support.browser import launch
+from tests.support.shared import SharedDataset
 from tests.support.viewing import served
 
 KEY, OTHER = tiny.SINGLE, tiny.MULTI
@@ -43,8 +44,8 @@ posix = pytest.mark.skipif(os.name != "posix", reason="FIFOs and signals of POSI
 
 
 @pytest.fixture(scope="module")
-def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny.write_dataset(tmp_path_factory.mktemp("hostile") / "tiny")
+def source(shared_dataset: SharedDataset) -> Path:
+    return shared_dataset()
 
 
 @pytest.fixture

@@ -10,11 +10,12 @@ from avs3d_bench.dataset import Dataset
 from avs3d_bench.inspector.contact_sheet import draw_contact_sheets
 from avs3d_bench.inspector.view3d import save_view
 from tests.support import tiny
+from tests.support.shared import SharedDataset
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny.write_dataset(tmp_path_factory.mktemp("progress") / "tiny", frames=3, size=32)
+def data(shared_dataset: SharedDataset) -> Path:
+    return shared_dataset(frames=3, size=32)
 
 
 @pytest.mark.slow

@@ -43,6 +43,7 @@ from avs3d_bench.submission import SubmissionWriter
 from tests.avs3d_bench.test_inspector import drawn, layers, player, until
 from tests.support import tiny, tiny_scenes
 from tests.support.browser import launch, visit
+from tests.support.shared import SharedDataset
 from tests.support.tiny_scenes import AWAY, BOTH, FIRST, GROUP, SECOND, SILENT
 from tests.support.viewing import served
 
@@ -56,8 +57,8 @@ TITLES = {
 
 
 @pytest.fixture(scope="module")
-def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny_scenes.write_part_3(tmp_path_factory.mktemp("scenes") / "tiny", stems=True)
+def root(shared_part_3: SharedDataset) -> Path:
+    return shared_part_3(stems=True)
 
 
 @pytest.fixture(scope="module")

@@ -21,12 +21,12 @@ from avs3d_bench.formats.files import atomic_path, write_bytes, write_json
 from avs3d_bench.formats.media import write_png_mask
 from evaluators import cli
 from tests.evaluators.test_score import submit, true_mask
-from tests.support import tiny
+from tests.support.shared import SharedDataset
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny.write_dataset(tmp_path_factory.mktemp("data") / "tiny", frames=9)
+def data(shared_dataset: SharedDataset) -> Path:
+    return shared_dataset(frames=9)
 
 
 def null_device(path: Path) -> Path:

@@ -20,6 +20,7 @@ from evaluators.reporting.leaderboard import write_leaderboard
 from tests.avs3d_bench.test_inspector import drawn, until
 from tests.support import tiny, tiny_scenes
 from tests.support.browser import launch, visit
+from tests.support.shared import SharedDataset
 
 PHONE = 390
 #: Elements whose content is cut off at the right, or hidden behind a scroll bar.
@@ -60,9 +61,9 @@ def browser() -> Iterator[Any]:
 
 
 @pytest.fixture(scope="module")
-def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def root(shared_dataset: SharedDataset) -> Path:
     """Two observations of parts 1 and 2."""
-    return tiny.write_dataset(tmp_path_factory.mktemp("layout") / "tiny")
+    return shared_dataset()
 
 
 @pytest.fixture(scope="module")

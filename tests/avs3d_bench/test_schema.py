@@ -18,13 +18,14 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.exports import schema_files
 from avs3d_bench.formats import files
 from tests.support import tiny
+from tests.support.shared import SharedDataset
 
 COMMITTED = Path(schema.__file__).parent / "schemas"
 
 
 @pytest.fixture(scope="module")
-def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny.write_dataset(tmp_path_factory.mktemp("tiny") / "data", frames=3, size=16)
+def root(shared_dataset: SharedDataset) -> Path:
+    return shared_dataset(frames=3, size=16)
 
 
 @pytest.fixture

@@ -26,13 +26,14 @@ from avs3d_bench.formats import media
 from avs3d_bench.submission import SubmissionWriter, as_mask, frame_size
 from tests.support import tiny
 from tests.support.homes import tree_digest
+from tests.support.shared import SharedDataset
 
 SHAPE = (tiny.SIZE, tiny.SIZE)
 
 
 @pytest.fixture(scope="module")
-def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    return Dataset(tiny.write_dataset(tmp_path_factory.mktemp("data") / "tiny"))
+def dataset(shared_dataset: SharedDataset) -> Dataset:
+    return Dataset(shared_dataset())
 
 
 def mask_of(frame: Frame) -> np.ndarray:

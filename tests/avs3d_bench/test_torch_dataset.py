@@ -15,6 +15,7 @@ from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats.colmap import ColmapModel, read_model, write_model
 from tests.support import tiny, tiny_scenes
+from tests.support.shared import SharedDataset
 from tests.support.tiny_scenes import FIRST, GROUP, SILENT
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install torch")
@@ -25,8 +26,8 @@ from avs3d_bench.exports import AVS3DDataset  # noqa: E402
 
 
 @pytest.fixture(scope="module")
-def ours(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny.write_dataset(tmp_path_factory.mktemp("loading") / "data", extras=True)
+def ours(shared_dataset: SharedDataset) -> Path:
+    return shared_dataset(extras=True)
 
 
 def test_an_item_is_the_frame(ours: Path):

@@ -23,14 +23,15 @@ from avs3d_bench.geometry import Intrinsics, Pose
 from avs3d_bench.measures.silhouette import silhouette
 from avs3d_bench.validate import check_observation, validate
 from tests.support import tiny
+from tests.support.shared import SharedDataset
 
 KEY = tiny.SINGLE
 Change = Callable[[Path], None]
 
 
 @pytest.fixture(scope="module")
-def pristine(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny.write_dataset(tmp_path_factory.mktemp("tiny") / "data", extras=True)
+def pristine(shared_dataset: SharedDataset) -> Path:
+    return shared_dataset(extras=True)
 
 
 @pytest.fixture(scope="module")

@@ -22,12 +22,13 @@ from avs3d_bench.validation.catalogue import read_facts
 from avs3d_bench.validation.interaural import hearings
 from avs3d_bench.validation.sound import BinauralClip
 from tests.support import tiny, tiny_scenes
+from tests.support.shared import SharedDataset
 from tests.support.tiny_scenes import AWAY, BOTH, FIRST, GROUP, SECOND, SILENT
 
 
 @pytest.fixture(scope="module")
-def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny_scenes.write_part_3(tmp_path_factory.mktemp("scenes") / "data", stems=True, frames=6)
+def root(shared_part_3: SharedDataset) -> Path:
+    return shared_part_3(stems=True, frames=6)
 
 
 def record_of(root: Path, key: str) -> ObservationRecord:

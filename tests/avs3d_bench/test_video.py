@@ -25,6 +25,7 @@ from avs3d_bench.inspector.facts import read_facts
 from avs3d_bench.inspector.video import RATE, film_sound, gain_for, write_video
 from avs3d_bench.inspector.video_drawing import PREDICTED, TRUTH, Canvas, Shown
 from avs3d_bench.inspector.video_map import MapInset
+from tests.support.shared import SharedDataset
 from tests.support.tiny import MULTI, SINGLE, edit_record, replace, write_dataset, write_release
 
 av = pytest.importorskip("av", reason="the package av is not installed: pip install 'avs3d-bench[inspect]'")
@@ -32,8 +33,8 @@ FRAMES = 9
 
 
 @pytest.fixture(scope="module")
-def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_dataset(tmp_path_factory.mktemp("tiny"), frames=FRAMES, size=96)
+def root(shared_dataset: SharedDataset) -> Path:
+    return shared_dataset(frames=FRAMES, size=96)
 
 
 def film(root: Path, path: Path, key: str = SINGLE, **options: object) -> Path:

@@ -29,14 +29,15 @@ from avs3d_bench.inspector.view3d_data import MOST_PREDICTED, moved_from, read_p
 from avs3d_bench.inspector.view3d_stage import PREDICTED, box_edges, legend, opencv_rotation, textured_glb
 from avs3d_bench.inspector.view3d_surfaces import LONGEST, MOST_FRAMES, Patches, VisibleSurface
 from tests.support.browser import launch, visit
+from tests.support.shared import SharedDataset
 from tests.support.tiny import MULTI, SINGLE, edit_record, write_dataset, write_release
 
 FRAMES = 9
 
 
 @pytest.fixture(scope="module")
-def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_dataset(tmp_path_factory.mktemp("tiny"), frames=FRAMES, size=48, extras=True)
+def root(shared_dataset: SharedDataset) -> Path:
+    return shared_dataset(frames=FRAMES, size=48, extras=True)
 
 
 @pytest.fixture(scope="module")
@@ -69,9 +70,9 @@ def test_points_of_depth_lie_on_the_walls_and_boxes(root: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def dotted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def dotted(shared_dataset: SharedDataset) -> Path:
     """A dataset with many sparse points."""
-    return write_dataset(tmp_path_factory.mktemp("dotted"), frames=FRAMES, size=96, points=24, keys=(SINGLE,))
+    return shared_dataset(frames=FRAMES, size=96, points=24, keys=(SINGLE,))
 
 
 def corners_of(surfaces: tuple[VisibleSurface, ...]) -> NDArray[np.float64]:

@@ -21,6 +21,7 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import media
 from baselines import denseav
 from tests.support import tiny
+from tests.support.shared import SharedDataset
 
 torch = pytest.importorskip("torch", reason="torch is not installed: the learned baselines cannot run")
 pytest.importorskip("huggingface_hub", reason="huggingface_hub is not installed: the learned baselines cannot run")
@@ -107,8 +108,8 @@ def test_settings_that_make_no_sense_are_refused(settings: dict[str, Any], messa
 
 
 @pytest.fixture(scope="module")
-def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny.write_dataset(tmp_path_factory.mktemp("data"))
+def root(shared_dataset: SharedDataset) -> Path:
+    return shared_dataset()
 
 
 @pytest.fixture

@@ -16,11 +16,12 @@ from avs3d_bench.geometry import flip_world
 from baselines.echosegnet import views as viewing
 from baselines.echosegnet.gaussians import SH_C0, Gaussians, from_points, read_audio_intensity, read_ply, write_ply
 from tests.support import tiny
+from tests.support.shared import SharedDataset
 
 
 @pytest.fixture(scope="module")
-def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny.write_dataset(tmp_path_factory.mktemp("tiny"))
+def root(shared_dataset: SharedDataset) -> Path:
+    return shared_dataset()
 
 
 def _some(count: int = 7, bands: int = 16, seed: int = 0) -> Gaussians:

@@ -34,6 +34,7 @@ from baselines.listener.masks import Answer  # noqa: E402
 from baselines.listener.model import match_map  # noqa: E402
 from baselines.listener.predict import ListenerMethod  # noqa: E402
 from tests.support import tiny, tiny_listener, tiny_scenes  # noqa: E402
+from tests.support.shared import SharedDataset  # noqa: E402
 
 torch.set_num_threads(1)
 CPU = torch.device("cpu")
@@ -48,8 +49,8 @@ def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny.write_dataset(tmp_path_factory.mktemp("data") / "tiny", frames=17)
+def data(shared_dataset: SharedDataset) -> Path:
+    return shared_dataset(frames=17)
 
 
 def answer(heard: dict[int, float]) -> Answer:

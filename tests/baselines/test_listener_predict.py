@@ -24,6 +24,7 @@ from baselines.listener.masks import Answer  # noqa: E402
 from baselines.listener.model import Listener  # noqa: E402
 from baselines.listener.predict import ListenerMethod  # noqa: E402
 from tests.support import tiny, tiny_listener, tiny_scenes  # noqa: E402
+from tests.support.shared import SharedDataset  # noqa: E402
 
 torch.set_num_threads(1)
 MICROWAVE, CLOCK = (CATEGORIES.index(name) for name in ("microwave", "clock"))
@@ -36,8 +37,8 @@ def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def scenes(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny_scenes.write_part_3(tmp_path_factory.mktemp("scenes") / "set", frames=10, size=64)
+def scenes(shared_part_3: SharedDataset) -> Path:
+    return shared_part_3(frames=10, size=64)
 
 
 def answer(box: tuple[int, int, int, int], logit: float = 5.0) -> Answer:

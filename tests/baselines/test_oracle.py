@@ -21,6 +21,7 @@ from baselines.oracle import POINTS_PER_CM2, oracle_mask, oracle_points, write_o
 from baselines.oracle_errors import CONFUSABLE, ErrorModel, move_outline
 from tests.support import tiny
 from tests.support.homes import tree_digest
+from tests.support.shared import SharedDataset
 
 RATES = st.floats(0, 1)
 SEEDS = st.integers(0, 2**63)
@@ -30,8 +31,8 @@ TWIN, SOUNDING, OVEN = 1, 2, 2
 
 
 @pytest.fixture(scope="module")
-def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    return Dataset(tiny.write_dataset(tmp_path_factory.mktemp("data") / "tiny"))
+def dataset(shared_dataset: SharedDataset) -> Dataset:
+    return Dataset(shared_dataset())
 
 
 @pytest.fixture(scope="module")

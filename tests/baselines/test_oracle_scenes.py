@@ -18,7 +18,8 @@ from baselines.oracle import oracle_mask, oracle_points, oracle_prediction, writ
 from baselines.oracle_errors import ErrorModel
 from baselines.trivial import TRIVIAL, write_trivial
 from evaluators.score import evaluate
-from tests.support import tiny, tiny_scenes
+from tests.support import tiny
+from tests.support.shared import SharedDataset
 from tests.support.tiny_scenes import AWAY, BOTH, FIRST, GROUP, SECOND, SILENT
 
 FRAMES = 17
@@ -26,8 +27,8 @@ MICROWAVE, TELEPHONE = 4, 7
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny_scenes.write_part_3(tmp_path_factory.mktemp("data") / "scenes", frames=FRAMES)
+def data(shared_part_3: SharedDataset) -> Path:
+    return shared_part_3(frames=FRAMES)
 
 
 def frame(data: Path, key: str, index: int = 0) -> Frame:

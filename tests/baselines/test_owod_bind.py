@@ -23,6 +23,7 @@ from baselines.owod_bind import select
 from baselines.owod_bind.boxes import MAX_BOXES, detections
 from baselines.owod_bind.protocols import Detections
 from tests.support import tiny
+from tests.support.shared import SharedDataset
 
 torch = pytest.importorskip("torch", reason="torch is not installed: the learned baselines cannot run")
 pytest.importorskip("transformers", reason="transformers is not installed: the learned baselines cannot run")
@@ -316,8 +317,8 @@ def test_too_little_memory_is_one_line(error: Exception) -> None:
 
 
 @pytest.fixture(scope="module")
-def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny.write_dataset(tmp_path_factory.mktemp("data"))
+def root(shared_dataset: SharedDataset) -> Path:
+    return shared_dataset()
 
 
 @pytest.fixture(scope="module")

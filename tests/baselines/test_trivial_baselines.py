@@ -23,13 +23,14 @@ from baselines.trivial import TRIVIAL, all_black, all_white, centre_box, write_t
 from evaluators.metrics.frames import centre_box as reference_box
 from tests.support import tiny
 from tests.support.homes import tree_digest
+from tests.support.shared import SharedDataset
 
 SIDES = st.integers(1, 40)
 
 
 @pytest.fixture(scope="module")
-def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    return Dataset(tiny.write_dataset(tmp_path_factory.mktemp("data") / "tiny"))
+def dataset(shared_dataset: SharedDataset) -> Dataset:
+    return Dataset(shared_dataset())
 
 
 def run(*arguments: object) -> str:

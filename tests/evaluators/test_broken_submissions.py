@@ -14,6 +14,7 @@ from avs3d_bench.contract import layout
 from evaluators import cli
 from tests.evaluators.test_score import submit, true_mask
 from tests.support import mutants, tiny
+from tests.support.shared import SharedDataset
 
 COUNT = 300
 RELEASED_COUNT = 54
@@ -21,8 +22,8 @@ FRAMES = 25  # four test frames an observation
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny.write_dataset(tmp_path_factory.mktemp("data") / "tiny", frames=FRAMES)
+def data(shared_dataset: SharedDataset) -> Path:
+    return shared_dataset(frames=FRAMES)
 
 
 @pytest.fixture(scope="module")

@@ -37,15 +37,16 @@ from evaluators.references.deaf import DeafOracles
 from evaluators.score import evaluate
 from evaluators.statistics import bootstrap
 from tests.evaluators.test_score import run, submit, true_mask
-from tests.support import tiny, tiny_scenes
+from tests.support import tiny
+from tests.support.shared import SharedDataset
 from tests.support.tiny_scenes import AWAY, BOTH, FIRST, GROUP, SECOND, SILENT
 
 FRAMES = 17  # three test frames: 0, 8 and 16; frame 16 looks away
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny_scenes.write_part_3(tmp_path_factory.mktemp("data") / "scenes", frames=FRAMES)
+def data(shared_part_3: SharedDataset) -> Path:
+    return shared_part_3(frames=FRAMES)
 
 
 def add_categories(folder: Path, root: Path, predict: Any) -> Path:

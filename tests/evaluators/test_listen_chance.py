@@ -12,13 +12,13 @@ from avs3d_bench.dataset import Dataset
 from baselines.oracle import write_oracle
 from benchmarks.listen_chance import GUESSES, group_chance, main
 from evaluators.score import evaluate
-from tests.support import tiny_scenes
+from tests.support.shared import SharedDataset
 from tests.support.tiny_scenes import AWAY, FIRST, GROUP, SECOND, SILENT
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny_scenes.write_part_3(tmp_path_factory.mktemp("data") / "scenes", frames=17)
+def data(shared_part_3: SharedDataset) -> Path:
+    return shared_part_3(frames=17)
 
 
 def test_two_twins(data: Path):

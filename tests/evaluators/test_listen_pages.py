@@ -26,12 +26,13 @@ from evaluators.reporting.tables import write_tables
 from evaluators.score import evaluate
 from tests.evaluators.test_score import run, submit, true_mask
 from tests.support import tiny, tiny_scenes
+from tests.support.shared import SharedDataset
 from tests.support.tiny_scenes import AWAY, BOTH, FIRST, SECOND, SILENT
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny_scenes.write_part_3(tmp_path_factory.mktemp("data") / "scenes", frames=17)
+def data(shared_part_3: SharedDataset) -> Path:
+    return shared_part_3(frames=17)
 
 
 def confused(frame: Frame) -> np.ndarray:

@@ -27,6 +27,7 @@ from evaluators.reporting.compare import compare
 from evaluators.score import evaluate
 from evaluators.verify import verify
 from tests.support import tiny
+from tests.support.shared import SharedDataset
 
 FRAMES = 17  # three test frames: 0, 8 and 16
 #: Those of part_1 and part_2; tests/evaluators/test_listen.py is about the third.
@@ -34,8 +35,8 @@ PROTOCOLS = [name for name, parts in PROTOCOL_PARTS.items() if "part_1" in parts
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny.write_dataset(tmp_path_factory.mktemp("data") / "tiny", frames=FRAMES)
+def data(shared_dataset: SharedDataset) -> Path:
+    return shared_dataset(frames=FRAMES)
 
 
 @pytest.fixture(scope="module")

@@ -18,13 +18,14 @@ from avs3d_bench.submission import Prediction, SubmissionWriter
 from evaluators.reading.checks import check_submission
 from evaluators.score import evaluate
 from tests.evaluators.test_score import run, submit, true_mask
-from tests.support import tiny, tiny_scenes
+from tests.support import tiny
+from tests.support.shared import SharedDataset
 from tests.support.tiny_scenes import BOTH, FIRST, GROUP, SILENT
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny_scenes.write_part_3(tmp_path_factory.mktemp("data") / "scenes", frames=9)
+def data(shared_part_3: SharedDataset) -> Path:
+    return shared_part_3(frames=9)
 
 
 @pytest.fixture(scope="module")

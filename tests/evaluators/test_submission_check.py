@@ -37,14 +37,15 @@ from evaluators.reading.submission import open_submission
 from evaluators.score import evaluate
 from tests.evaluators.test_score import shifted, submit, true_mask
 from tests.support import mutants, tiny
+from tests.support.shared import SharedDataset
 
 FRAMES = 17
 FIRST = f"{tiny.SINGLE}/masks/frame_000.png"
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny.write_dataset(tmp_path_factory.mktemp("data") / "tiny", frames=FRAMES)
+def data(shared_dataset: SharedDataset) -> Path:
+    return shared_dataset(frames=FRAMES)
 
 
 @pytest.fixture(scope="module")

@@ -32,14 +32,15 @@ from evaluators.score import evaluate
 from evaluators.verify import Verification, compare_scores, compare_values, verify
 from tests.support import tiny, tiny_scenes
 from tests.support.score_examples import example_scores
+from tests.support.shared import SharedDataset
 
 FRAMES = 17  # three test frames: 0, 8 and 16
 OTHER = "0" * 64
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny.write_dataset(tmp_path_factory.mktemp("data") / "tiny", frames=FRAMES, size=32)
+def data(shared_dataset: SharedDataset) -> Path:
+    return shared_dataset(frames=FRAMES, size=32)
 
 
 def submit(folder: Path, root: Path, *, masks: str = layout.SUBMISSION_MASKS, points: bool = False) -> Path:

@@ -19,6 +19,7 @@ from avs3d_bench.commands.outputs import NamedPath
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.inspector.listing import list_dataset
 from tests.support import tiny
+from tests.support.shared import SharedDataset
 
 ROOT = Path(__file__).parents[2]
 #: What ``-o`` may be called in a help text.
@@ -67,8 +68,8 @@ def test_no_path_may_be_an_empty_text(name: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny.write_dataset(tmp_path_factory.mktemp("tiny") / "data", frames=4, size=32)
+def data(shared_dataset: SharedDataset) -> Path:
+    return shared_dataset(frames=4, size=32)
 
 
 @pytest.fixture(autouse=True)

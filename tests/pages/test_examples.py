@@ -16,15 +16,15 @@ import pytest
 from avs3d_bench.dataset import Dataset
 from baselines.trivial import write_trivial
 from evaluators.score import evaluate
-from tests.support.tiny import write_dataset
+from tests.support.shared import SharedDataset
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_dataset(tmp_path_factory.mktemp("data") / "tiny", frames=17)
+def data(shared_dataset: SharedDataset) -> Path:
+    return shared_dataset(frames=17)
 
 
 def run(name: str, *arguments: object, folder: Path, code: int = 0) -> str:

@@ -18,7 +18,7 @@ from avs3d_bench.formats.media import read_png_categories, read_png_mask
 from avs3d_bench.geometry import direction_to
 from tests.support.markdown_code import ROOT, Block, blocks, section
 from tests.support.printed import Desk
-from tests.support.tiny import write_dataset
+from tests.support.shared import SharedDataset
 
 DOCUMENT = ROOT / "docs/extending.md"
 PAGE = DOCUMENT.read_text(encoding="utf-8")
@@ -27,8 +27,8 @@ OBJECTS = ROOT / "docs/own-objects.md"
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_dataset(tmp_path_factory.mktemp("data") / "tiny", frames=17)
+def data(shared_dataset: SharedDataset) -> Path:
+    return shared_dataset(frames=17)
 
 
 @pytest.fixture(scope="module")

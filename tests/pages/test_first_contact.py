@@ -19,11 +19,12 @@ from generators.manifest.schema import read_manifest
 from generators.run.runner import refuse_foreign
 from tests.support import tiny
 from tests.support.homes import tree_digest, write_manifest
+from tests.support.shared import SharedDataset
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny.write_dataset(tmp_path_factory.mktemp("data") / "tiny")
+def data(shared_dataset: SharedDataset) -> Path:
+    return shared_dataset()
 
 
 def test_a_dataset_is_no_submission(data: Path, tmp_path: Path) -> None:
