@@ -19,7 +19,7 @@ from avs3d_bench.exports import schema_files
 from avs3d_bench.formats import files
 from tests.support import tiny
 
-COMMITTED = Path(schema.__file__).parent / "schemas"
+COMMITTED = Path(schema.__file__).parents[1] / "schemas"
 
 
 @pytest.fixture(scope="module")
