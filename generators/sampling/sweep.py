@@ -15,15 +15,8 @@ from typing import Any
 
 from avs3d_bench.errors import UsageError, did_you_mean
 from generators.core.limits import MOST_INDEX
-from generators.manifest.schema import (
-    ABSORPTION_SCALE,
-    SNR_DB,
-    BackgroundSpec,
-    Manifest,
-    ManifestFile,
-    ObservationSpec,
-    select,
-)
+from generators.manifest.reading import ManifestFile, select
+from generators.manifest.schema import ABSORPTION_SCALE, SNR_DB, BackgroundSpec, Manifest, ObservationSpec
 
 #: Largest number of observations of a sweep.
 MOST_VARIANTS = 5_000

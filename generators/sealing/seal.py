@@ -20,7 +20,8 @@ from avs3d_bench.runtime.parallel import available_cores
 from avs3d_bench.scheduling.options import Options as Scheduling
 from avs3d_bench.sealing.seal import COMMITMENT, DRAWS, MANIFEST, OPENING_KEY, PRIVATE, PUBLIC, SECRET
 from avs3d_bench.sealing.secret import SECRET_BYTES, CommittedSecret, commit, read_secret, working_key
-from generators.manifest.schema import Manifest, ManifestFile
+from generators.manifest.reading import ManifestFile
+from generators.manifest.schema import Manifest
 from generators.observation.sources import check_takes
 from generators.options import GenerateOptions
 from generators.plan import make_plans

@@ -30,7 +30,7 @@ from avs3d_bench.sealing.seal import (
 )
 from avs3d_bench.sealing.secret import derive
 from generators.backends import observation_provenance
-from generators.manifest.schema import ManifestFile, read_manifest
+from generators.manifest.reading import ManifestFile, read_manifest
 from generators.options import EngineOptions, GenerateOptions
 from generators.plan import ObservationPlan, make_plans
 from generators.run.generation import generate_plans

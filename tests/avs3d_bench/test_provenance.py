@@ -45,7 +45,7 @@ from avs3d_bench.scheduling.tasks import Context
 from baselines.trivial import write_trivial
 from evaluators import evaluate, open_submission, write_report
 from generators.backends import ACOUSTIC, VISION, observation_provenance, unused_backends
-from generators.manifest.schema import read_manifest
+from generators.manifest.reading import read_manifest
 from generators.options import EngineOptions, GenerateOptions
 from generators.plan import make_plans
 from generators.run.dataset_record import read_observation

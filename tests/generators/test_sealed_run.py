@@ -19,7 +19,7 @@ from avs3d_bench.sealing.secret import CommittedSecret, working_key
 from avs3d_bench.submission import SubmissionWriter
 from evaluators.reading.submission import open_submission
 from evaluators.score import score
-from generators.manifest.schema import read_manifest
+from generators.manifest.reading import read_manifest
 from generators.sealing.cli import seal, unseal
 from generators.sealing.publish import Sealing, write_private, write_public
 from tests.generators.test_sealed import names_below

@@ -50,7 +50,7 @@ from evaluators.protocols.strict import strict_observation
 from evaluators.references.deaf import DeafOracles, deaf_frame, deaf_references
 from evaluators.statistics import bootstrap, comparison, sign_flips
 from evaluators.summary import summarise
-from generators.manifest.schema import read_manifest
+from generators.manifest.reading import read_manifest
 from tests.evaluators.test_compare import scores_of
 from tests.support.markdown_code import blocks
 from tests.support.score_examples import example_scores
