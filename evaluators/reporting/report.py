@@ -313,7 +313,7 @@ def authors_text(authors: str | tuple[str, ...] | None) -> str:
     return authors or "" if authors is None or isinstance(authors, str) else ", ".join(authors)
 
 
-def runtime_text(runtime: Any) -> str:
+def runtime_text(runtime: object) -> str:
     """The `runtime` of submission.json, in one line."""
     if runtime is None:
         return ""

@@ -83,19 +83,19 @@ def _axis(value: str) -> str:
     return value
 
 
-def _category(value: Any) -> Any:
+def _category(value: object) -> str:
     return check_name(value)
 
 
-def _silent(value: Any) -> Any:
+def _silent(value: object) -> str:
     return check_name(value, silent=True)
 
 
-def _room(value: Any) -> Any:
+def _room(value: Any) -> str:
     return _named(check_room, value)
 
 
-def _named(check: Callable[[str], str], value: Any) -> str:
+def _named(check: Callable[[str], str], value: str) -> str:
     """Return ``check(value)``; its error becomes a ValueError, to which pydantic adds the field's name."""
     try:
         return check(value)
@@ -220,7 +220,7 @@ Seconds = Annotated[Number, Field(ge=0.0, le=float(FRAMES[1]))]
 Count = Annotated[int, Field(ge=1, le=MOST_COPIES, strict=True)]
 
 
-def _kind_of_instances(value: Any) -> str | None:
+def _kind_of_instances(value: object) -> str | None:
     """Tag of the type that `instances` has; errors name it, and `_finding` leaves it out."""
     return "[objects]" if isinstance(value, dict) else "[number]" if isinstance(value, int) else None
 
@@ -282,7 +282,7 @@ def _intervals(value: tuple[tuple[float, float], ...]) -> tuple[tuple[float, flo
     return value
 
 
-def _not_too_many(value: Any) -> Any:
+def _not_too_many(value: object) -> object:
     """Refuse a list that is too long before each of its entries is looked at."""
     if isinstance(value, list | tuple) and len(value) > MOST_INTERVALS:
         raise ValueError(f"{len(value):,} intervals; expected at most {MOST_INTERVALS:,}")
@@ -331,7 +331,7 @@ class ProgrammeSpec(_Model):
             raise ValueError(f"programme begins at {earliest:g} s at the earliest; expected less than {seconds} s")
 
 
-def _programme(value: Any) -> Any:
+def _programme(value: object) -> object:
     """``always`` stands for None, a list for its intervals."""
     if value == "always":
         return None
