@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path, PurePosixPath
-from typing import Any, Literal, SupportsIndex, overload
+from typing import Literal, SupportsIndex, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,7 @@ class UnknownPlaceError(UsageError, IndexError):
     """The dataset has fewer observations than that."""
 
 
-def parse_splits(data: Any, where: str | Path) -> dict[str, Split]:
+def parse_splits(data: object, where: str | Path) -> dict[str, Split]:
     """Frame stem → split, from any of the forms of `camera_splits.json`.
 
     Raises:

@@ -23,7 +23,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import cv2
 import numpy as np
@@ -39,6 +39,9 @@ from baselines.networks.checkpoints import find_checkpoint, loading, require_pac
 from baselines.networks.device import enough_memory, inference, pick_device
 from baselines.networks.pixels import IMAGENET_MEAN, IMAGENET_STD, normalise, resize
 from baselines.networks.sound import check_clip, resample
+
+if TYPE_CHECKING:
+    import torch
 
 Mask = NDArray[np.bool_]
 Similarity = NDArray[np.float64]
@@ -87,7 +90,7 @@ class DenseAv:
     """
 
     network: Network
-    device: Any
+    device: torch.device
     threshold: float = THRESHOLD
     normalise: Normalise = "observation"
     checkpoint: str = ""

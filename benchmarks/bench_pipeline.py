@@ -22,7 +22,7 @@ from generators import backends
 from generators.acoustics.clips import receiver_clip
 from generators.core.folders import default_cache
 from generators.homes.store import prepare_home
-from generators.manifest.schema import ManifestFile
+from generators.manifest.reading import ManifestFile
 from generators.observation import hearing, prepare
 from generators.observation.generate import generate_observation
 from generators.observation.writer import ObservationWriter

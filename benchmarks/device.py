@@ -229,7 +229,7 @@ def light_digest(scene: Scene) -> str:
 def observation(manifest: Path, audio: str, frames: int) -> None:
     """Where the time of one observation goes, in one process."""
     from generators.homes.store import prepare_home
-    from generators.manifest.schema import read_manifest
+    from generators.manifest.reading import read_manifest
     from generators.observation.generate import generate_observation
     from generators.options import GenerateOptions
     from generators.plan import make_plans
@@ -276,7 +276,7 @@ class _Times:
 def dataset(manifest: Path, audio: str, output: Path | None, frames: int | None) -> None:
     """Time of the whole benchmark, on the best device that is there."""
     from generators.core.folders import default_cache
-    from generators.manifest.schema import read_manifest
+    from generators.manifest.reading import read_manifest
     from generators.options import GenerateOptions
     from generators.plan import make_plans
     from generators.run.runner import RunSettings, run

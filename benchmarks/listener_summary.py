@@ -15,7 +15,7 @@ from avs3d_bench.formats.files import read_json
 from avs3d_bench.formats.media import read_record
 from benchmarks.listener_tables import ROWS, RUN_JSON
 from evaluators.metrics.masks import mean
-from generators.manifest.schema import read_manifest
+from generators.manifest.reading import read_manifest
 
 #: Manifests of the datasets, by their names.
 MANIFESTS = Path(__file__).parent.parent / "scenes_manifest"

@@ -14,7 +14,7 @@ from avs3d_bench import __version__
 from avs3d_bench.cli import run
 from avs3d_bench.commands.click_options import HELP, PATH, WORKERS, dataset_option, only_option
 from avs3d_bench.commands.outputs import OUTPUT_FOLDER, OutputFile
-from avs3d_bench.commands.report import REPORT_JSON
+from avs3d_bench.commands.report import REPORT_JSON, Report
 from avs3d_bench.contract.taxonomy import PARTS
 from avs3d_bench.errors import UsageError
 from evaluators.reporting.signatures import (  # fmt: skip
@@ -171,7 +171,7 @@ def _print_warnings(warnings: Sequence[Problem]) -> None:
         click.echo(f"avs3d-eval: note: … and {rest}; `avs3d check` names all", err=True)
 
 
-def _print_problems(report: Any, submission: Path, dataset: Path) -> None:
+def _print_problems(report: Report, submission: Path, dataset: Path) -> None:
     from avs3d_bench.commands.report import print_report
 
     print_report(report, shown=_SCREENFUL)

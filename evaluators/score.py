@@ -9,7 +9,7 @@ processes: every observation is computed whole in one of them, and means are exa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -20,14 +20,13 @@ from numpy.typing import NDArray
 
 from avs3d_bench.commands.report import Report, ordered
 from avs3d_bench.contract.schema import ProvenanceRecord
-from avs3d_bench.contract.scores import PROTOCOL_PARTS, Protocol
+from avs3d_bench.contract.scores import PROTOCOL_PARTS, PROTOCOLS, Protocol
 from avs3d_bench.dataset import Dataset, Frame, Observation, sibling_frames
 from avs3d_bench.errors import UsageError
 from avs3d_bench.runtime.parallel import advance, process_each
 from avs3d_bench.runtime.provenance import provenance
 from avs3d_bench.sealing.seal import open_sealed
 from evaluators.protocols.conditions import with_conditions
-from evaluators.protocols.official_strict import fitting
 from evaluators.protocols.sibling_counts import SiblingCounts
 from evaluators.protocols.source_counts import SourceCounts
 from evaluators.reading.checks import check_contents, check_structure, has_categories, has_points, select
@@ -84,7 +83,7 @@ def evaluate(
         dataset: its root, or the opened dataset; ours or the official release.
         truth: of a sealed test, the folder with its truth, which is checked against the commitments.
         protocols: which to compute; None: those that fit the observations
-            (`evaluators.protocols.official_strict.fitting`).
+            (see `fitting`).
         only: shell patterns of observation keys; the others are left out.
         aisrm: which folder of the released pipeline's output to read; see `open_submission`.
         workers: processes; None: one per core.
@@ -102,6 +101,28 @@ def evaluate(
         raise UsageError(f"submission: a {type(submission).__name__}; expected the path of a folder or a .zip")
     with open_submission(Path(submission), aisrm=aisrm) as opened:
         return score(opened, data, protocols=protocols, only=patterns, workers=workers, progress=progress)
+
+
+def fitting(parts: Collection[str], asked: Sequence[Protocol] | None, where: str) -> tuple[Protocol, ...]:
+    """The protocols to compute, in the order of `PROTOCOLS`.
+
+    Args:
+        parts: those that the observations belong to.
+        asked: protocols that were asked for; None: those that fit.
+        where: what messages name.
+
+    Raises:
+        UsageError: if one was asked for that scores none of the parts, or none fits.
+    """
+    fit = [name for name in PROTOCOLS if not {*PROTOCOL_PARTS[name]}.isdisjoint(parts)]
+    for name in asked or ():
+        if name not in fit:
+            scored = " and ".join(PROTOCOL_PARTS[name])
+            raise UsageError(
+                f"{where}: protocol {name} scores {scored}; found only {' and '.join(sorted(parts))}, which "
+                f"{' and '.join(fit)} score{'s' if len(fit) == 1 else ''}: leave out --protocol"
+            )
+    return tuple(name for name in fit if asked is None or name in asked)
 
 
 def open_dataset(dataset: str | Path | Dataset, truth: str | Path | None = None, only: Sequence[str] = ()) -> Dataset:

@@ -26,7 +26,9 @@ from avs3d_bench.contract.taxonomy import PARTS, ROOMS, class_ids
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.formats.files import sha256_file
 from evaluators.metrics.volume import VOXEL_SIZE
-from evaluators.protocols.official_strict import NO_INSTANCE_MASKS, summarise
+from evaluators.protocols.listen import listen_summary
+from evaluators.protocols.official import official_summary
+from evaluators.protocols.strict import NO_INSTANCE_MASKS, strict_summary
 from evaluators.reading.origin import this_machine, totals
 from evaluators.reading.records import GroupOutcome, ScoredObservation, Submission
 from evaluators.statistics import bootstrap
@@ -100,6 +102,25 @@ def score_record(
             for name in known
         },
         references_unavailable=dict.fromkeys(missing, NO_INSTANCE_MASKS) if {"strict", "listen"} & {*wanted} else {},
+    )
+
+
+def summarise(
+    observations: Sequence[ObservationScores], siblings: Sequence[SiblingScores] = (), *, intervals: bool = True
+) -> GroupScores:
+    """Plain means over observations, each counting once, with bootstrap intervals.
+
+    Args:
+        observations: of one group, at least one; their order changes nothing.
+        siblings: the groups of part_3; a pair counts if it involves one of the observations.
+        intervals: without them the records are the same but for their ``intervals``.
+    """
+    return GroupScores(
+        observations=len(observations),
+        frames=sum(o.frames for o in observations),
+        official=official_summary(observations, intervals=intervals),
+        strict=strict_summary(observations, intervals=intervals),
+        listen=listen_summary(observations, siblings, intervals=intervals),
     )
 
 

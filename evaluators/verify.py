@@ -216,7 +216,9 @@ def _aisrm(recorded: Scores) -> bool | None:
     return recorded.submission.masks == layout.RELEASED_MASKS[0]
 
 
-def compare_values(recorded: Any, found: Any, skipped: Sequence[str], where: str = "") -> Iterator[Difference | None]:
+def compare_values(
+    recorded: object, found: object, skipped: Sequence[str], where: str = ""
+) -> Iterator[Difference | None]:
     """A difference, or None, for each value of two JSON documents; what one of them lacks as a whole counts once.
 
     Args:
@@ -236,7 +238,7 @@ def compare_values(recorded: Any, found: Any, skipped: Sequence[str], where: str
         yield from compare_values(one.get(name, _ABSENT), other.get(name, _ABSENT), skipped, inner)
 
 
-def _named(value: Any) -> Mapping[str, Any] | None:
+def _named(value: object) -> Mapping[str, object] | None:
     """The members of an object or a list by name: those of a list by key, group, pair or place; None of a value."""
     if isinstance(value, Mapping):
         return {name if "/" not in name else f"[{name}]": inner for name, inner in value.items()}
@@ -249,7 +251,7 @@ def _named(value: Any) -> Mapping[str, Any] | None:
     return named
 
 
-def _name(value: Any, place: int) -> str:
+def _name(value: object, place: int) -> str:
     if isinstance(value, Mapping):
         for names in (("key",), ("group",), ("first", "second")):
             if all(name in value for name in names):
@@ -257,7 +259,7 @@ def _name(value: Any, place: int) -> str:
     return str(place)
 
 
-def _same(recorded: Any, found: Any) -> bool:
+def _same(recorded: object, found: object) -> bool:
     if isinstance(recorded, float) and isinstance(found, float | int):
         return math.isclose(recorded, found, rel_tol=TOLERANCE, abs_tol=_NOISE)
     if isinstance(found, float) and isinstance(recorded, int):
@@ -265,7 +267,7 @@ def _same(recorded: Any, found: Any) -> bool:
     return bool(recorded == found)
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     if value is _ABSENT:
         return "missing"
     if isinstance(value, float):

@@ -1,6 +1,6 @@
 # The public names of generators: type checkers read them here, and lazy_loader imports them from here on first use.
+from .manifest.reading import ManifestFile as ManifestFile
+from .manifest.reading import read_manifest as read_manifest
 from .manifest.schema import Manifest as Manifest
-from .manifest.schema import ManifestFile as ManifestFile
-from .manifest.schema import read_manifest as read_manifest
 from .run.generation import generate as generate
 from .run.runner import Outcome as Outcome

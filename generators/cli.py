@@ -205,7 +205,7 @@ def generate(
     default, and of --audio analytic is free.
     """
     choose_tools(habitat_python)
-    from generators.manifest.schema import read_manifest
+    from generators.manifest.reading import read_manifest
     from generators.plan import make_plans
     from generators.run.generation import generate_plans
 

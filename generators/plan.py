@@ -23,18 +23,9 @@ from avs3d_bench.formats import files
 from avs3d_bench.runtime.user_path import user_path
 from generators.library.lock import LOCK_NAME
 from generators.manifest.categories import CategorySpec
-from generators.manifest.schema import (
-    AssetSpec,
-    CameraSpec,
-    Manifest,
-    ManifestFile,
-    ObjectSpec,
-    ObservationSpec,
-    ScanSpec,
-    SoundSpec,
-    select,
-)
-from generators.manifest.schema import read_manifest as read_manifest  # re-exported
+from generators.manifest.reading import ManifestFile, select
+from generators.manifest.reading import read_manifest as read_manifest
+from generators.manifest.schema import AssetSpec, CameraSpec, Manifest, ObjectSpec, ObservationSpec, ScanSpec, SoundSpec
 from generators.options import EngineOptions, GenerateOptions
 from generators.scans.files import ScanFiles, digest, find_scan_files, scan_files_of
 

@@ -172,7 +172,7 @@ HOUSE = {
         "protocols": "metrics reading statistics references",
         "summary": "metrics reading statistics protocols",
         "score": "reading protocols summary",
-        "reporting": "metrics reading statistics protocols",
+        "reporting": "metrics reading statistics protocols summary",
         "verify": "reading score reporting",
         "competition": "reading score",
         "cli": "reading statistics score reporting verify",

@@ -16,11 +16,11 @@ from avs3d_bench.contract.schema import (
     ObservationRecord,
     PosesRecord,
     Record,
+    SealRecord,
     SubmissionRecord,
 )
 from avs3d_bench.contract.scores import Scores, VerificationRecord
 from avs3d_bench.exports.shards import ShardIndex
-from avs3d_bench.sealing.seal import SealRecord
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 #: File name → record.

@@ -295,7 +295,7 @@ def link_or_copy(source: str | Path, target: str | Path) -> None:
             temporary.write_bytes(Path(source).read_bytes())
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> Any:
     """``value`` as JSON types: records in the order of their fields, mappings by key, floats rounded."""
     if isinstance(value, BaseModel):
         fields = {name: getattr(value, name) for name in type(value).model_fields}
@@ -323,7 +323,7 @@ def _plain(value: Any) -> Any:
     raise Avs3dError(f"JSON cannot hold a {type(value).__name__}: expected records, numbers, text, lists or mappings")
 
 
-def _render(value: Any, indent: str) -> str:
+def _render(value: object, indent: str) -> str:
     inline = json.dumps(value, ensure_ascii=False)
     if not isinstance(value, dict | list) or len(inline) + len(indent) <= _INLINE or not value:
         return inline
@@ -337,7 +337,7 @@ def _render(value: Any, indent: str) -> str:
     return f"{opening}\n{deeper}" + f",\n{deeper}".join(items) + f"\n{indent}{closing}"
 
 
-def dump_json(value: Any) -> str:
+def dump_json(value: object) -> str:
     """JSON text with stable bytes: see `write_json`.
 
     Raises:
@@ -346,7 +346,7 @@ def dump_json(value: Any) -> str:
     return _render(_plain(value), "") + "\n"
 
 
-def write_json(path: str | Path, value: Any) -> None:
+def write_json(path: str | Path, value: object) -> None:
     """Write a record or plain data as JSON, atomically.
 
     Records keep the order of their fields, mappings are sorted by key, floats are rounded to nine significant digits;

@@ -143,7 +143,7 @@ def lines_of(text: str, places: Iterable[Sequence[str | int]]) -> list[int | Non
     return [_line_of(root, place) for place in places]
 
 
-def _line_of(node: Any, place: Sequence[str | int]) -> int | None:
+def _line_of(node: yaml.Node | None, place: Sequence[str | int]) -> int | None:
     line = None
     for each in place:
         below: Any = None
@@ -206,7 +206,7 @@ class _Builder:
         #: Anchor → value and number of nodes that it stands for; None while it is still open.
         self._anchors: dict[str, tuple[Any, int] | None] = {}
 
-    def take(self, event: Any) -> None:
+    def take(self, event: yaml.Event) -> None:
         """Go on by one event."""
         if isinstance(event, yaml.ScalarEvent):
             self._count(event, 1)
@@ -229,7 +229,7 @@ class _Builder:
     def _key_is_next(self) -> bool:
         return bool(self._stack) and isinstance(self._stack[-1].content, dict) and not self._stack[-1].key
 
-    def _scalar(self, event: Any) -> tuple[Any, bool]:
+    def _scalar(self, event: yaml.ScalarEvent) -> tuple[Any, bool]:
         """The value, and whether it is the key ``<<``."""
         text: str = event.value
         if event.tag is not None and event.tag not in _TEXT_TAGS:
@@ -247,7 +247,7 @@ class _Builder:
         kind, value = _resolve(text)
         return value, kind == "merge"
 
-    def _open(self, event: Any) -> None:
+    def _open(self, event: yaml.CollectionStartEvent) -> None:
         if self._key_is_next:
             self._refuse(event, "a mapping or a list as a key", "keys that are plain text")
         if event.tag not in (None, "!"):
@@ -260,7 +260,7 @@ class _Builder:
         self._stack.append(_Open(content, event.anchor, self._nodes))
         self._count(event, 1)
 
-    def _close(self, event: Any) -> None:
+    def _close(self, event: yaml.Event) -> None:
         done = self._stack.pop()
         content = done.content
         if isinstance(content, dict) and done.merged is not None:
@@ -269,7 +269,7 @@ class _Builder:
             self._anchors[done.anchor] = (content, self._nodes - done.before)
         self._add(event, content)
 
-    def _merge(self, event: Any, merged: Any) -> dict[Any, Any]:
+    def _merge(self, event: yaml.Event, merged: Any) -> dict[Any, Any]:
         """The fields that ``<<: merged`` adds: of several mappings the first one wins."""
         found: dict[Any, Any] = {}
         for each in merged if isinstance(merged, list) else [merged]:
@@ -279,7 +279,7 @@ class _Builder:
                 found.setdefault(key, value)
         return found
 
-    def _alias(self, event: Any) -> None:
+    def _alias(self, event: yaml.AliasEvent) -> None:
         name = event.anchor
         if self._key_is_next:
             self._refuse(event, f"the alias *{name:.40} as a key", "keys that are plain text")
@@ -291,7 +291,7 @@ class _Builder:
         self._count(event, known[1])
         self._add(event, known[0])
 
-    def _add(self, event: Any, value: Any) -> None:
+    def _add(self, event: yaml.Event, value: Any) -> None:
         if not self._stack:
             self.document = value
             return
@@ -310,7 +310,7 @@ class _Builder:
                 self._refuse(event, f"the key {excerpt(name)}, which is listed twice", "each key once")
             last.key.append(value)
 
-    def _count(self, event: Any, more: int) -> None:
+    def _count(self, event: yaml.Event, more: int) -> None:
         self._nodes += more
         if self._nodes > self._limits.nodes:
             self._refuse(event, f"more than {self._limits.nodes:,} values, aliases counted in full", "fewer")
@@ -319,7 +319,7 @@ class _Builder:
         """Raise the error for too many levels at a place in the text."""
         self._refuse_at(mark, f"more than {self._limits.depth} levels of mappings and lists", "fewer")
 
-    def _refuse(self, event: Any, found: str, expected: str) -> NoReturn:
+    def _refuse(self, event: yaml.Event, found: str, expected: str) -> NoReturn:
         self._refuse_at(event.start_mark, found, expected)
 
     def _refuse_at(self, mark: Any, found: str, expected: str) -> NoReturn:

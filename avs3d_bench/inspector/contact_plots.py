@@ -22,6 +22,7 @@ from avs3d_bench.measures.levels import ild_db
 from avs3d_bench.text.templates import words
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 INK = "#1f2430"
@@ -43,7 +44,7 @@ def _rgb(colour: Colour) -> tuple[float, float, float]:
     return red / 255, green / 255, blue / 255
 
 
-def write_audible(axes: Any, sound: ShownSound, number: int) -> None:
+def write_audible(axes: Axes, sound: ShownSound, number: int) -> None:
     """Below a picture: the sources that are audible in frame ``number``, each in its colour, or that none is."""
     rows: list[tuple[str, Any]] = [(f"\N{BLACK CIRCLE} {s.name}", _rgb(s.colour)) for s in sound.audible(number)]
     for row, (text, colour) in enumerate(rows or [(sound.nothing, MUTED)]):
@@ -52,7 +53,7 @@ def write_audible(axes: Any, sound: ShownSound, number: int) -> None:
         )  # fmt: skip
 
 
-def _mark_sources(axes: Any, sound: ShownSound, *, moves: bool) -> None:
+def _mark_sources(axes: Axes, sound: ShownSound, *, moves: bool) -> None:
     """All sources on the map, whose limits are set; one outside of it as an arrow at its border, with its room."""
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     inset = 0.03 * abs(right - left)
@@ -82,7 +83,7 @@ def _label(source: ShownSource) -> str:
     return f"{source.name} (off-screen)" if source.off_screen else source.name
 
 
-def _draw_lanes(axes: Any, sound: ShownSound, frames: int) -> None:
+def _draw_lanes(axes: Axes, sound: ShownSound, frames: int) -> None:
     """A lane for each source: its programme, and its level in the frames in which it is audible."""
     levels = [entry.level_db for source in sound.sources for entry in source.heard if entry is not None]
     top = max([_LEAST_TOP_DB, *levels])
@@ -125,7 +126,7 @@ def azimuth_line(times: Sequence[float], azimuths: Sequence[float]) -> tuple[lis
     return xs, ys
 
 
-def _draw_azimuths(axes: Any, sound: ShownSound, times: list[float]) -> None:
+def _draw_azimuths(axes: Axes, sound: ShownSound, times: list[float]) -> None:
     """The azimuth of every source, degrees; if sources sound by turns, with dots where they are audible."""
     alpha, width = (1.0, 1.6) if sound.always else (0.45, 1.2)
     label = "azimuth of the source" if sound.always else None
@@ -150,7 +151,7 @@ class _Label:
     colour: Any
 
 
-def draw_map(axes: Any, observation: Observation, record: ObservationRecord, sound: ShownSound) -> list[_Label]:
+def draw_map(axes: Axes, observation: Observation, record: ObservationRecord, sound: ShownSound) -> list[_Label]:
     """The floor plan from above (x to the right, z downwards) with path, headings of test frames, and objects.
 
     Returns:
@@ -209,7 +210,7 @@ def _with_alpha(colour: Any, alpha: float) -> Any:
     return to_rgba(colour, alpha)
 
 
-def name_objects(figure: Figure, axes: Any, labels: Sequence[_Label]) -> None:
+def name_objects(figure: Figure, axes: Axes, labels: Sequence[_Label]) -> None:
     """Write names so that none overlaps another; a line leads to the object of one that lies further away."""
     height = figure.bbox.height
 
@@ -251,7 +252,7 @@ def name_objects(figure: Figure, axes: Any, labels: Sequence[_Label]) -> None:
             )  # fmt: skip
 
 
-def draw_sound(figure: Any, observation: Observation, record: ObservationRecord, sound: ShownSound) -> None:
+def draw_sound(figure: Figure, observation: Observation, record: ObservationRecord, sound: ShownSound) -> None:
     """Lanes if sources sound by turns, levels and directions over time, and a spectrogram."""
     if sound.always:
         upper, lower = figure.subplots(2, 1)

@@ -171,7 +171,9 @@ def _spread(numbers: Sequence[int], count: int) -> list[int]:
     return [numbers[at] for at in np.linspace(0, len(numbers) - 1, kept).round().astype(int)]
 
 
-def _frames(figure: Any, observation: Observation, record: ObservationRecord, columns: int, sound: ShownSound) -> None:
+def _frames(
+    figure: Figure, observation: Observation, record: ObservationRecord, columns: int, sound: ShownSound
+) -> None:
     chosen = chosen_frames([frame.visible_pixels for frame in record.frames], columns)
     axes = figure.subplots(2, len(chosen), squeeze=False)
     for column, index in enumerate(chosen):

@@ -21,19 +21,15 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from fnmatch import fnmatchcase
 from pathlib import Path, PurePosixPath
-from typing import Annotated, ClassVar, Literal, Self
-
-from pydantic import Field, model_validator
 
 from avs3d_bench.commands.report import Problem
 from avs3d_bench.contract import layout
-from avs3d_bench.contract.schema import PosesRecord, ProvenanceRecord, RelativePath, Scalar, Sha256, Text, parse_record
-from avs3d_bench.contract.schema import Record as _Record
+from avs3d_bench.contract.schema import PosesRecord, SealRecord, parse_record
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import files
 from avs3d_bench.runtime.parallel import available_cores
-from avs3d_bench.sealing.secret import SecretCommitment, derive, read_hex, working_key
+from avs3d_bench.sealing.secret import derive, read_hex, working_key
 
 #: Folders of a sealed test, and the file of its secret.
 PUBLIC, PRIVATE, SECRET = "public", "private", "secret"
@@ -47,66 +43,6 @@ COMMITTED = (layout.DATASET_JSON, TEMPLATE, DRAWS)
 OPENING = "avs3d-bench sealed test 1.0: opening key"
 #: Largest `seal.json` (bytes).
 _MOST_SEAL = 2**30
-
-
-class CommitmentsRecord(_Record):
-    """Commitments by which the organiser is bound."""
-
-    left_out: ClassVar[frozenset[str]] = frozenset({"private"})
-
-    secret: SecretCommitment | Sha256 = Field(
-        description="commitment to the secret; in schema 1.0, the sha256 of its 32 bytes"
-    )
-    manifest: Sha256 = Field(description="sha256 of the manifest with its seeds")
-    truth: dict[Text, dict[RelativePath, Sha256]] = Field(
-        description="key of an observation → truth file → sha256(salt, 1, bytes), or sha256(salt, 0) if there is no "
-        "such file; salt: HMAC-SHA256(opening key, key/file)"
-    )
-    private: dict[RelativePath, Sha256] | None = Field(
-        default=None, description="other private file → commitment of the same kind; absent in schema 1.0"
-    )
-
-    @model_validator(mode="after")
-    def _keys(self) -> Self:
-        for key in self.truth:
-            try:
-                layout.parse_key(key)
-            except UsageError as error:
-                raise ValueError(str(error)) from None
-        return self
-
-
-class SealRecord(_Record):
-    """`seal.json`: the commitments of a sealed test."""
-
-    left_out: ClassVar[frozenset[str]] = frozenset()
-
-    schema_version: Literal["1.0", "1.1"] = Field(
-        default="1.1", description="1.1: the commitment to the secret is stretched, and all private files have one"
-    )
-    name: Text
-    version: Text
-    train_truth: bool = Field(description="whether the masks of train frames are published")
-    settings: dict[str, Scalar] = Field(description="options of `avs3d seal` on which the bytes depend")
-    backends: dict[str, Text] = Field(description="backend name → version")
-    provenance: ProvenanceRecord = Field(description="software that made the observations")
-    dataset_sha256: Sha256 = Field(description="sha256 of dataset.json")
-    commitments: CommitmentsRecord
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        newer = isinstance(self.commitments.secret, SecretCommitment) and self.commitments.private is not None
-        if newer != (self.schema_version == "1.1"):
-            kind = "a stretched commitment to the secret and commitments to private files"
-            raise ValueError(f"schema_version is {self.schema_version}: only 1.1 has {kind}")
-        return self
-
-
-class DrawsRecord(_Record):
-    """`private/draws.json`: how often the seed of a home was drawn until its observations fitted into it."""
-
-    schema_version: Literal["1.0"] = "1.0"
-    draws: dict[Text, Annotated[int, Field(ge=1)]] = Field(description="home in the template → number of draws")
 
 
 def commitment(opening: bytes, path: str, data: bytes | None) -> str:

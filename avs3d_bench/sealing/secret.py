@@ -17,11 +17,8 @@ import hmac
 import secrets
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
-
-from avs3d_bench.contract.schema import Record, Sha256
+from avs3d_bench.contract.schema import SecretCommitment
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import files
 
@@ -31,29 +28,8 @@ SECRET_BYTES = 32
 _SALT_BYTES = 16
 #: Cost of scrypt: 128 MiB, about half a second (OWASP Password Storage Cheat Sheet, 2024: n = 2^17, r = 8, p = 1).
 _COST = {"n": 2**17, "r": 8, "p": 1}
-#: Most memory that a record may ask for (bytes), and most passes: the record comes from someone else.
-_MOST_MEMORY, _MOST_PASSES = 2**30, 16
 #: Longest file of a secret or key (bytes); it has 64 digits and a line feed.
 _MOST_SECRET = 1024
-
-
-class SecretCommitment(Record):
-    """The commitment to a secret: published before the template, it binds the organiser to the secret."""
-
-    function: Literal["scrypt"] = "scrypt"
-    n: Annotated[int, Field(ge=2)] = Field(description="cost; a power of two")
-    r: Annotated[int, Field(ge=1)] = Field(description="block size")
-    p: Annotated[int, Field(ge=1, le=_MOST_PASSES)] = Field(description="passes")
-    salt: Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")] = Field(description="16 random bytes, hexadecimal")
-    digest: Sha256 = Field(description="bytes 32 to 63 of scrypt(secret, salt), of 64 bytes")
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.n & (self.n - 1):
-            raise ValueError(f"n is {self.n}, expected a power of two")
-        if 128 * self.n * self.r > _MOST_MEMORY:
-            raise ValueError(f"n {self.n} and r {self.r} need more than {_MOST_MEMORY:,} bytes")
-        return self
 
 
 @dataclass(frozen=True)

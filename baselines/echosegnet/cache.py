@@ -57,7 +57,7 @@ def arrays_digest(arrays: Iterable[NDArray[np.bool_]]) -> str:
     return out.hexdigest()
 
 
-def digest(values: Any) -> str:
+def digest(values: object) -> str:
     """16 hexadecimal digits of the sha256 of values as JSON."""
     return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
 

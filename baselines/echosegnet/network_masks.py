@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import cv2
 import numpy as np
@@ -21,6 +21,9 @@ from avs3d_bench.formats.files import sha256_file
 from avs3d_bench.runtime.provenance import provenance
 from baselines.echosegnet.cache import Stages, digest
 from baselines.echosegnet.sources import Mask, MaskSource
+
+if TYPE_CHECKING:
+    import torch
 
 #: Name of the stage.
 STAGE = "network"
@@ -45,7 +48,7 @@ class Marker(Protocol):
     def entry(self) -> str:
         """``baselines.module:name`` of what makes the masks (see `avs3d_bench.runtime.provenance`)."""
 
-    def mark(self, frames: Sequence[Frame], device: Any) -> Iterable[NDArray[np.uint8]]:
+    def mark(self, frames: Sequence[Frame], device: torch.device) -> Iterable[NDArray[np.uint8]]:
         """(H, W) class ids of each of the train frames of one observation, in their order."""
 
 
@@ -60,7 +63,7 @@ class NetworkMasks:
         """The marker's."""
         return self.marker.name
 
-    def found(self, observation: Observation, device: Any, stages: Stages) -> KeptMasks:
+    def found(self, observation: Observation, device: torch.device, stages: Stages) -> KeptMasks:
         """The masks of an observation's train frames, made on ``device`` or found on disk."""
         frames = observation.train
         key = digest(

@@ -70,7 +70,7 @@ class Bank:
         device: where batches go.
     """
 
-    def __init__(self, store: ShardStore, device: Any) -> None:
+    def __init__(self, store: ShardStore, device: torch.device) -> None:
         self.device = torch.device(device)
         arrays = {name: getattr(store, name) for name in ("pictures", "classes", "sounds", "masks")}
         self.resident = False

@@ -93,7 +93,7 @@ class State:
     shares: Counter[str] = field(default_factory=Counter)
 
 
-def new_state(settings: Settings, device: Any = "cpu") -> State:
+def new_state(settings: Settings, device: torch.device | str = "cpu") -> State:
     """Before the first step; the same for the same seed."""
     torch.manual_seed(settings.seed)
     network: Any = Listener(settings.widths).to(device)

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from typing import Any
 
 import torch
 from scipy.special import ive
@@ -55,7 +54,7 @@ _HARMONICS = [(1 if n == 0 else 2) * float(ive(n, CONCENTRATION)) for n in range
 _LEAST_ALPHA, _LEAST_AT = 0.1, math.radians(150.0)
 
 
-def angle_grid(device: Any = None) -> Tensor:
+def angle_grid(device: torch.device | None = None) -> Tensor:
     """(ANGLES,) lateral angles."""
     return torch.linspace(-math.pi / 2, math.pi / 2, ANGLES, device=device)
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -66,13 +65,13 @@ def spectra(sound: Tensor) -> Spectra:
     return Spectra(found[:, 0], found[:, 1])
 
 
-def frequencies(device: Any = None) -> Tensor:
+def frequencies(device: torch.device | None = None) -> Tensor:
     """(F,) Hz of the bins."""
     return torch.arange(WINDOW // 2 + 1, device=device) * (SAMPLE_RATE / WINDOW)
 
 
 @lru_cache(maxsize=8)
-def mel_filters(device: Any = None) -> Tensor:
+def mel_filters(device: torch.device | None = None) -> Tensor:
     """(BANDS, F) triangular filters, equally spaced on the mel scale; each sums to 1."""
     lowest, highest = (2595 * math.log10(1 + edge / 700) for edge in (LOWEST, HIGHEST))
     mel = torch.linspace(lowest, highest, BANDS + 2)

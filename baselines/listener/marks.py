@@ -18,7 +18,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,9 @@ from avs3d_bench.errors import Avs3dError
 from baselines.listener.masks import Answer, class_map, log_odds
 from baselines.listener.predict import BATCH, THRESHOLD, ListenerMethod, Looks, camera_of, clip_of, load_method
 from baselines.networks.device import inference
+
+if TYPE_CHECKING:
+    import torch
 
 #: Which of the network's answers is the mask.
 Which = Literal["sounding", "category"]
@@ -76,7 +79,7 @@ class ListenerMarker:
         """The settings, for submission.json."""
         return f"answer {self.which}, marked where > {self.threshold:g}, weights {self.digest[:12]}"
 
-    def mark(self, frames: Sequence[Frame], device: Any) -> Iterator[NDArray[np.uint8]]:
+    def mark(self, frames: Sequence[Frame], device: torch.device) -> Iterator[NDArray[np.uint8]]:
         """(H, W) class ids of each of the train frames of one observation, in their order.
 
         Raises:

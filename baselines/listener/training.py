@@ -84,7 +84,7 @@ def train(
 
 
 @contextmanager
-def _enough_memory(device: Any, state: State, settings: Settings) -> Iterator[None]:
+def _enough_memory(device: torch.device, state: State, settings: Settings) -> Iterator[None]:
     """A block after which too little memory has become one line."""
     try:
         yield

@@ -48,7 +48,7 @@ def digest_path(path: Path) -> Path:
     return path.with_name(path.name + _DIGEST_SUFFIX)
 
 
-def load_listener(path: str | Path | None = None, *, device: Any = "cpu") -> tuple[Listener, str]:
+def load_listener(path: str | Path | None = None, *, device: torch.device | str = "cpu") -> tuple[Listener, str]:
     """The network with its weights in float32, in evaluation mode, and the weights' sha256.
 
     Args:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING
 
 from avs3d_bench.errors import Avs3dError, UsageError
 
+if TYPE_CHECKING:
+    import torch
 
-def pick_device(name: str | None = None) -> Any:
+
+def pick_device(name: str | None = None) -> torch.device:
     """The `torch.device` of that name; without one, the first GPU or else the CPU.
 
     Raises:
@@ -35,7 +38,7 @@ def pick_device(name: str | None = None) -> Any:
 
 
 @contextmanager
-def enough_memory(device: Any, where: str) -> Iterator[None]:
+def enough_memory(device: torch.device, where: str) -> Iterator[None]:
     """A block after which too little memory has become one line.
 
     Args:
@@ -58,13 +61,13 @@ def enough_memory(device: Any, where: str) -> Iterator[None]:
         raise _too_little(device, where) from error
 
 
-def _too_little(device: Any, where: str) -> Avs3dError:
+def _too_little(device: torch.device, where: str) -> Avs3dError:
     hint = "; or use --device cpu" if device.type == "cuda" else ""
     return Avs3dError(f"{where}: too little memory on {device}; free some or take smaller checkpoints{hint}")
 
 
 @contextmanager
-def inference(device: Any, where: str) -> Iterator[None]:
+def inference(device: torch.device, where: str) -> Iterator[None]:
     """A block that runs networks: no gradients, and `enough_memory`."""
     import torch
 

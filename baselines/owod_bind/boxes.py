@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ from baselines.networks.checkpoints import find_checkpoint, load_pretrained, loa
 from baselines.networks.pixels import Picture
 from baselines.owod_bind.protocols import Detections
 from baselines.owod_bind.select import clip_boxes, suppress
+
+if TYPE_CHECKING:
+    import torch
 
 #: One object is found by many patches.
 NMS_IOU = 0.5
@@ -34,7 +37,7 @@ class Owlv2Boxes:
 
     name = "OWLv2 objectness"
 
-    def __init__(self, folder: str | Path, device: Any) -> None:
+    def __init__(self, folder: str | Path, device: torch.device) -> None:
         """Load the network.
 
         Args:

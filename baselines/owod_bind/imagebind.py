@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,9 @@ from baselines.networks.pixels import (
 from baselines.networks.sound import resample
 from baselines.owod_bind.select import AUDIO_LOGIT_SCALE
 
+if TYPE_CHECKING:
+    import torch
+
 #: Crops that are embedded at a time.
 BATCH = 32
 SIDE = 224
@@ -45,7 +48,7 @@ class ImageBindSimilarity:
 
     name = "ImageBind"
 
-    def __init__(self, folder: str | Path, device: Any) -> None:
+    def __init__(self, folder: str | Path, device: torch.device) -> None:
         """Load the network.
 
         Args:

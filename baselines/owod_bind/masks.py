@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from baselines.networks.checkpoints import find_checkpoint, load_pretrained, loading, require_packages
 from baselines.networks.pixels import Picture
+
+if TYPE_CHECKING:
+    import torch
 
 #: Boxes decoded at a time: 8 masks of 1008² in float32 are 33 MB.
 BATCH = 8
@@ -25,7 +28,7 @@ class SamMasks:
 
     name = "SAM"
 
-    def __init__(self, folder: str | Path, device: Any) -> None:
+    def __init__(self, folder: str | Path, device: torch.device) -> None:
         """Load the network.
 
         Args:

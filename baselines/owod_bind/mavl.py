@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,9 @@ from baselines.networks.pixels import IMAGENET_MEAN, IMAGENET_STD, Picture, norm
 from baselines.owod_bind.boxes import MAX_BOXES, NMS_IOU, corners_of
 from baselines.owod_bind.protocols import Detections
 from baselines.owod_bind.select import clip_boxes, suppress
+
+if TYPE_CHECKING:
+    import torch
 
 CAPTION = "all objects"
 SHORT_SIDE = 800
@@ -35,7 +38,7 @@ class MavlBoxes:
 
     name = "MAVL"
 
-    def __init__(self, folder: str | Path, device: Any) -> None:
+    def __init__(self, folder: str | Path, device: torch.device) -> None:
         """Load the network.
 
         Args:

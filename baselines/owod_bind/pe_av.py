@@ -14,7 +14,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,9 @@ from numpy.typing import NDArray
 from baselines.networks.checkpoints import find_checkpoint, load_pretrained, loading, require_packages
 from baselines.networks.pixels import BILINEAR, Picture, normalise, resize
 from baselines.networks.sound import resample
+
+if TYPE_CHECKING:
+    import torch
 
 #: Crops that are embedded at a time.
 BATCH = 16
@@ -38,7 +41,7 @@ class PeAvSimilarity:
 
     name = "PE-AV"
 
-    def __init__(self, folder: str | Path, device: Any) -> None:
+    def __init__(self, folder: str | Path, device: torch.device) -> None:
         """Load the network.
 
         Args:

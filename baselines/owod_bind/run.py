@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -26,6 +26,9 @@ from baselines.networks.pixels import Picture
 from baselines.networks.sound import check_clip
 from baselines.owod_bind import select
 from baselines.owod_bind.protocols import AudioVisualSimilarity, BoxProposer, Detections, Mask, MaskPredictor
+
+if TYPE_CHECKING:
+    import torch
 
 BoxKind = Literal["owlv2", "mavl"]
 SimilarityKind = Literal["imagebind", "pe-av"]
@@ -55,7 +58,7 @@ class OwodBind:
     boxes: BoxProposer
     masks: MaskPredictor
     similarity: AudioVisualSimilarity
-    device: Any
+    device: torch.device
     threshold: float = select.THRESHOLD
     min_score: float = select.MIN_SCORE
     max_side: float = select.MAX_SIDE

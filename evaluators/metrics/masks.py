@@ -1,8 +1,8 @@
 """Figures of masks, as pure functions of counted pixels.
 
 Every figure of a frame but the boundary's follows from four counts (`FrameCounts`), so a frame is looked at once,
-whatever is computed from it. Protocols and aggregation: `evaluators.protocols.official_strict`. Formulas with worked
-examples: docs/metrics.md.
+whatever is computed from it. Protocols: `evaluators.protocols`. Means over observations: `evaluators.summary`. Formulas
+with worked examples: docs/metrics.md.
 
 `official_miou` and `official_f` equal the released scoring (that of AVSBench: Zhou et al., "Audio-Visual
 Segmentation", ECCV 2022), to 1e-6. Its F sweeps 255 thresholds over the sigmoid of the prediction; of a binary mask the

@@ -1,6 +1,6 @@
 """Protocol ``listen``: whether a method listens, on the part_3 observations.
 
-As in `evaluators.protocols.official_strict`, one function over the frames of an observation and one over observations.
+As in `evaluators.protocols.official`, one function over the frames of an observation and one over observations.
 What is new are pairs of siblings (`evaluators.metrics.pairs`): their figure is a mean over groups, and all intervals
 resample groups, because siblings share their pictures.
 """

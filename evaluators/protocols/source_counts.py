@@ -17,15 +17,8 @@ from avs3d_bench.measures.deaf_oracles import instance_ids_of
 from evaluators.metrics.frames import FrameFigures, Truth, frame_figures, reference_figures
 from evaluators.metrics.masks import as_bytes
 from evaluators.metrics.volume import VolumeScore, score_points, true_volume
-from evaluators.protocols.official_strict import (
-    MOVING,
-    NO_INSTANCE_MASKS,
-    NO_MESH,
-    NO_POINTS,
-    ONE_INSTANCE,
-    official_observation,
-    strict_observation,
-)
+from evaluators.protocols.official import official_observation
+from evaluators.protocols.strict import MOVING, NO_INSTANCE_MASKS, NO_MESH, NO_POINTS, ONE_INSTANCE, strict_observation
 from evaluators.reading.reader import Reader
 from evaluators.reading.records import FrameScore, FrameTally, GroupFigures, ObservationFigures, observation_scores
 from evaluators.references.deaf import DeafFrame, deaf_frame, deaf_references

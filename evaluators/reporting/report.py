@@ -27,7 +27,7 @@ from avs3d_bench.contract.scores import (
 from avs3d_bench.contract.taxonomy import CATEGORIES, PARTS, ROOMS
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.text.templates import words
-from evaluators.protocols.official_strict import unseen_note
+from evaluators.protocols.strict import unseen_note
 from evaluators.reading.records import Evaluation, FrameScore, Submission
 from evaluators.reporting.factors import factor_page
 from evaluators.reporting.pages import PART_NOTES, PART_TITLES, REFERENCE_TITLES, figure, interval, write_page
@@ -313,7 +313,7 @@ def authors_text(authors: str | tuple[str, ...] | None) -> str:
     return authors or "" if authors is None or isinstance(authors, str) else ", ".join(authors)
 
 
-def runtime_text(runtime: Any) -> str:
+def runtime_text(runtime: object) -> str:
     """The `runtime` of submission.json, in one line."""
     if runtime is None:
         return ""

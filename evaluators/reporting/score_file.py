@@ -31,8 +31,8 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.files import read_bytes
 from evaluators.metrics.masks import mean
 from evaluators.metrics.pairs import pair_accuracy, pairs_of
-from evaluators.protocols.official_strict import summarise
 from evaluators.reading.origin import totals
+from evaluators.summary import summarise
 
 #: Largest file of scores (bytes): an observation takes about one KB.
 MAX_SCORES_BYTES = 64 * 2**20

@@ -21,7 +21,6 @@ from pathlib import Path
 from avs3d_bench.contract.scores import METRICS, GroupScores, Metric, ObservationScores, SiblingScores
 from avs3d_bench.errors import Avs3dError, UsageError, did_you_mean
 from evaluators.metrics.pairs import group_accuracies
-from evaluators.protocols.official_strict import summarise
 from evaluators.reporting.leaderboard import read_entries
 from evaluators.reporting.pages import figure, interval, number, span
 from evaluators.reporting.ranking import ScoresEntry, dataset_identity, rulers_of
@@ -30,6 +29,7 @@ from evaluators.reporting.table_contents import inert
 from evaluators.reporting.tables_markdown import plain
 from evaluators.statistics.bootstrap import difference_interval
 from evaluators.statistics.comparison import figure_of
+from evaluators.summary import summarise
 
 Value = float | str | None
 #: Field → value of everything that varies beside the parameter; empty if nothing does.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from avs3d_bench.commands.report import screen
 from avs3d_bench.contract.scores import ALL_REFERENCES, METRICS, GroupScores, Metric, Scores
-from evaluators.protocols.official_strict import unseen_note
+from evaluators.protocols.strict import unseen_note
 from evaluators.reading.archive import printable
 
 if TYPE_CHECKING:

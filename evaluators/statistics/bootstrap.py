@@ -8,7 +8,7 @@ and skewness (`difference_interval`: BCa, Efron 1987).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -78,6 +78,12 @@ def interval(
     low, high = np.quantile(means, [tail, 1 - tail])
     # A mean of equal numbers may differ from them in the last bit; an interval never leaves the values' range.
     return float(np.clip(low, ordered[0], ordered[-1])), float(np.clip(high, ordered[0], ordered[-1]))
+
+
+def column_intervals(columns: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, float]]:
+    """Figure → the interval of its values (`interval`), without figures that have none."""
+    found = {name: interval(values) for name, values in columns.items()}
+    return {name: pair for name, pair in found.items() if pair is not None}
 
 
 def clustered_interval(

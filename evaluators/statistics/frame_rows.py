@@ -146,7 +146,7 @@ def _as_csv(rows: Iterable[FrameRow]) -> bytes:
     return stream.getvalue().encode("utf-8", "replace")
 
 
-def _quoted(value: Any) -> Any:
+def _quoted(value: object) -> object:
     """Text that is no formula; the apostrophe of text that begins with one is doubled, so that reading removes one."""
     if not isinstance(value, str):
         return value
@@ -210,7 +210,7 @@ def _csv_cells(path: Path, data: bytes) -> list[dict[str, Any]]:
     return [{name: _unquoted(value) or None for name, value in row.items()} for row in rows]
 
 
-def _unquoted(value: Any) -> Any:
+def _unquoted(value: object) -> object:
     return value.removeprefix("'") if isinstance(value, str) else value
 
 

@@ -168,7 +168,7 @@ def _wanted(path: Path, manifest: Path | None, ids: tuple[str, ...]) -> tuple[As
 
     if manifest is not None:
         from generators.library.references import named_assets
-        from generators.manifest.schema import read_manifest
+        from generators.manifest.reading import read_manifest
 
         source = read_manifest(manifest).manifest
         ids = (*named_assets(source.objects, source.sounds), *ids)

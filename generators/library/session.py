@@ -211,7 +211,7 @@ def address(variable: str, default: str) -> str:
     return (os.environ.get(variable) or default).rstrip("/")
 
 
-def pick(document: Any, path: str, what: str, service: str) -> str:
+def pick(document: object, path: str, what: str, service: str) -> str:
     """The text at ``a.b.c`` of a JSON answer.
 
     Raises:
@@ -223,7 +223,7 @@ def pick(document: Any, path: str, what: str, service: str) -> str:
     return value
 
 
-def look(document: Any, path: str) -> str:
+def look(document: object, path: str) -> str:
     """The text at ``a.b.c`` of a JSON answer; empty if there is none."""
     value = document
     for step in path.split("."):

@@ -20,7 +20,9 @@ from generators.lighting.form_factors import unoccluded_light
 
 
 @njit
-def _pairs(reach: Any, position: Any, normal: Any, centre: Any, radius: Any) -> Any:
+def _pairs(
+    reach: NDArray[np.bool_], position: F32, normal: F32, centre: F32, radius: F32
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Pairs (texel, emitter), ordered by emitter, of those in ``reach`` whose emitter is not all below the horizon."""
     texels, lights = reach.shape
     most = 0
@@ -49,14 +51,13 @@ def emitter_pairs(
 
     They are ordered by emitter, then by texel.
     """
-    pairs: tuple[NDArray[np.int64], NDArray[np.int64]] = _pairs(
-        reach, position, normal, emitters.centre, emitters.radius
-    )
-    return pairs
+    return _pairs(reach, position, normal, emitters.centre, emitters.radius)
 
 
 @njit
-def _sorted_by_share(texel: Any, factor: Any, total: Any, faint: Any) -> Any:
+def _sorted_by_share(
+    texel: NDArray[np.int64], factor: F32, total: NDArray[np.float64], faint: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Which of the pairs give at least the part ``faint`` of their texel's light, and which less, but something.
 
     ``total`` (N,) is the light from elsewhere; that of the pairs is added.
@@ -79,19 +80,19 @@ def _sorted_by_share(texel: Any, factor: Any, total: Any, faint: Any) -> Any:
 
 @njit
 def _shadow_rays(
-    texel: Any,
-    light: Any,
-    pattern: Any,
-    position: Any,
-    normal: Any,
-    points: Any,
-    first: Any,
-    last: Any,
-    origins: Any,
-    directions: Any,
-    far: Any,
-    weight: Any,
-) -> Any:
+    texel: NDArray[np.int64],
+    light: NDArray[np.int64],
+    pattern: I32,
+    position: F32,
+    normal: F32,
+    points: F32,
+    first: int,
+    last: int,
+    origins: F32,
+    directions: F32,
+    far: F32,
+    weight: F32,
+) -> None:
     row = 0
     for i in range(len(texel)):
         t, e = texel[i], light[i]
@@ -141,7 +142,9 @@ Occlusion = Callable[[F32, F32, F32], NDArray[np.bool_]]
 
 
 @njit
-def _add_rays(rows: Any, weight: Any, is_hidden: Any, count: Any, sums: Any) -> Any:
+def _add_rays(
+    rows: NDArray[np.int64], weight: F32, is_hidden: NDArray[np.bool_], count: int, sums: NDArray[np.float64]
+) -> None:
     """Add ``count`` rays of each of some pairs to `Shadow.sums`."""
     ray = 0
     for i in range(len(rows)):
@@ -156,7 +159,9 @@ def _add_rays(rows: Any, weight: Any, is_hidden: Any, count: Any, sums: Any) -> 
 
 
 @njit
-def _mixed(pair: Any, group: Any, sums: Any, number: Any) -> Any:
+def _mixed(
+    pair: NDArray[np.int64], group: NDArray[np.intp], sums: NDArray[np.float64], number: int
+) -> NDArray[np.int64]:
     """Which of the pairs ``pair`` are in a group of which some rays were free and others not.
 
     ``group`` is for all pairs; ``number`` is how many groups there are.
@@ -178,8 +183,15 @@ def _mixed(pair: Any, group: Any, sums: Any, number: Any) -> Any:
 
 @njit
 def _add_light(
-    texel: Any, factor: Any, sums: Any, shot: Any, group: Any, number: Any, arrived: Any, variance: Any
-) -> Any:
+    texel: NDArray[np.int64],
+    factor: F32,
+    sums: NDArray[np.float64],
+    shot: NDArray[np.int64],
+    group: NDArray[np.intp],
+    number: int,
+    arrived: NDArray[np.float64],
+    variance: NDArray[np.float64],
+) -> None:
     """Add the visible part of ``factor`` (P, 3) to the light of texels, and its variance.
 
     ``shot`` (P,) is the number of rays of each pair. The visible share of a group is the ratio of its sums (combined

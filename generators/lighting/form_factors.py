@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,7 +19,9 @@ LOBE = 6.0
 
 
 @inline
-def _polygon(x: Any, y: Any, z: Any, nx: Any, ny: Any, nz: Any, face: Any, corners: Any) -> Any:
+def _polygon(
+    x: float, y: float, z: float, nx: float, ny: float, nz: float, face: F32, corners: NDArray[np.float64]
+) -> float:
     """Form factor from a point to the front of a triangle, cut off at the horizon (Lambert 1760).
 
     ``corners`` (5, 3) is working memory.
@@ -61,7 +61,9 @@ def _polygon(x: Any, y: Any, z: Any, nx: Any, ny: Any, nz: Any, face: Any, corne
 
 
 @inline
-def _matte(lanes: Any, count: Any, cells: Any, number: Any, piece: Any, red: Any, green: Any, blue: Any) -> Any:
+def _matte(
+    lanes: tuple[F32, ...], count: int, cells: F32, number: int, piece: np.float32, red: F32, green: F32, blue: F32
+) -> None:
     """Add the light of an emitter's first ``number`` cells to ``count`` matte points: disc formula per cell.
 
     ``lanes`` are six arrays: position and normal of the points. The loop over points is inside, without branches and
@@ -87,7 +89,9 @@ def _matte(lanes: Any, count: Any, cells: Any, number: Any, piece: Any, red: Any
 
 
 @inline
-def _glossy(lanes: Any, count: Any, cells: Any, number: Any, piece: Any, red: Any, green: Any, blue: Any) -> Any:
+def _glossy(
+    lanes: tuple[F32, ...], count: int, cells: F32, number: int, piece: np.float32, red: F32, green: F32, blue: F32
+) -> None:
     """The same of the lobe that stands for the reflection of glossy materials."""
     x, y, z, nx, ny, nz = lanes
     nothing, pi, tiny = np.float32(0.0), np.float32(np.pi), np.float32(1e-20)
@@ -112,22 +116,22 @@ def _glossy(lanes: Any, count: Any, cells: Any, number: Any, piece: Any, red: An
 
 @njit
 def _unoccluded(
-    texel: Any,
-    light: Any,
-    position: Any,
-    normal: Any,
-    gloss: Any,
-    area: Any,
-    centre: Any,
-    radius: Any,
-    cells: Any,
-    coarse: Any,
-    balance: Any,
-    faces: Any,
-    glow: Any,
-    start: Any,
-    factor: Any,
-) -> Any:
+    texel: NDArray[np.int64],
+    light: NDArray[np.int64],
+    position: F32,
+    normal: F32,
+    gloss: F32,
+    area: F32,
+    centre: F32,
+    radius: F32,
+    cells: F32,
+    coarse: F32,
+    balance: F32,
+    faces: F32,
+    glow: F32,
+    start: NDArray[np.int64],
+    factor: F32,
+) -> None:
     """Unoccluded light of pairs (texel, light).
 
     Near an emitter of few faces: Lambert's polygon formula; else the point-to-disc formula per cell (Wallace et al.

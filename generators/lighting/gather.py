@@ -24,7 +24,7 @@ _PROBES = 8
 
 
 @inline
-def _frame(x: Any, y: Any, z: Any) -> Any:
+def _frame(x: float, y: float, z: float) -> tuple[float, float, float, float, float, float]:
     """Two tangents of a unit normal (Duff et al., JCGT 2017)."""
     sign = 1.0 if z >= 0.0 else -1.0
     a = -1.0 / (sign + z)
@@ -33,7 +33,7 @@ def _frame(x: Any, y: Any, z: Any) -> Any:
 
 
 @njit
-def _rays(position: Any, normal: Any, under: Any, pattern: Any, table: Any, origins: Any, directions: Any) -> Any:
+def _rays(position: F32, normal: F32, under: F32, pattern: I32, table: F32, origins: F32, directions: F32) -> None:
     count = table.shape[1]
     for i in range(len(position)):
         nx, ny, nz = normal[i, 0], normal[i, 1], normal[i, 2]
@@ -71,7 +71,7 @@ def hemisphere_rays(position: F32, normal: F32, under: F32, pattern: I32, table:
 
 
 @njit
-def _count_backs(found: Any, directions: Any, face_normal: Any, count: Any, backs: Any) -> Any:
+def _count_backs(found: Any, directions: F32, face_normal: F32, count: Any, backs: I32) -> None:
     for i in range(len(backs)):
         back = 0
         for row in range(i * count, (i + 1) * count):
@@ -128,7 +128,17 @@ def open_texels(
 
 
 @njit
-def _cells(found: Any, v: Any, w: Any, part: Any, uv: Any, offset: Any, width: Any, height: Any, cells: Any) -> Any:
+def _cells(
+    found: I32,
+    v: F32,
+    w: F32,
+    part: I32,
+    uv: F32,
+    offset: NDArray[np.int64],
+    width: NDArray[np.int64],
+    height: NDArray[np.int64],
+    cells: NDArray[np.int64],
+) -> None:
     for i in range(len(found)):
         f = found[i]
         if f < 0:

@@ -73,21 +73,21 @@ def _around(blocks: Blocks, workers: int = 1) -> I32:
 
 @njit
 def _fit(
-    texel: Any,
-    of: Any,
-    place: Any,
-    normal: Any,
-    gloss: Any,
-    around: Any,
-    centre: Any,
-    facing: Any,
-    trust: Any,
-    flat: Any,
-    lobe: Any,
-    radius: Any,
-    ridge: Any,
-    out: Any,
-) -> Any:
+    texel: NDArray[np.int64],
+    of: I32,
+    place: F32,
+    normal: F32,
+    gloss: F32,
+    around: I32,
+    centre: F32,
+    facing: F32,
+    trust: F32,
+    flat: F32,
+    lobe: F32,
+    radius: float,
+    ridge: float,
+    out: F32,
+) -> None:
     """Weighted linear regression over the blocks around, evaluated at each texel."""
     count = around.shape[1]
     weight = np.empty(count)
@@ -139,7 +139,16 @@ def _fit(
 
 
 @njit
-def _beside(chosen: Any, chart: Any, place: Any, cell: Any, width: Any, index: Any, of: Any, beside: Any) -> Any:
+def _beside(
+    chosen: Any,
+    chart: I32,
+    place: F32,
+    cell: NDArray[np.int64],
+    width: NDArray[np.int64],
+    index: I32,
+    of: I32,
+    beside: I32,
+) -> None:
     """The texels (4 of each of ``chosen``) left, right, above and below that are of the same chart and in a block."""
     for i in range(len(chosen)):
         t = chosen[i]
@@ -158,7 +167,7 @@ def _beside(chosen: Any, chart: Any, place: Any, cell: Any, width: Any, index: A
 
 
 @njit
-def _average(chosen: Any, beside: Any, light: Any, variance: Any) -> Any:
+def _average(chosen: NDArray[np.int64], beside: I32, light: F32, variance: F32) -> None:
     for i in range(len(chosen)):
         t = chosen[i]
         count = 0

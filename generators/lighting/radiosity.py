@@ -39,7 +39,7 @@ _TOLERANCE = 1e-3
 
 
 @njit
-def _bounce(links: Any, direct: Any, albedo: Any, before: Any, after: Any) -> Any:
+def _bounce(links: I32, direct: F32, albedo: F32, before: F32, after: F32) -> None:
     """One Jacobi step: ``after`` = albedo · (direct + mean of ``before`` over the links)."""
     for b in range(len(links)):
         red = green = blue = 0.0
@@ -80,16 +80,16 @@ class Links:
 
 @njit
 def _block_rays(
-    chosen: Any,
-    rays: Any,
-    first: Any,
-    start: Any,
-    members: Any,
-    colour: Any,
+    chosen: NDArray[np.int64],
+    rays: int,
+    first: int,
+    start: NDArray[np.int64],
+    members: NDArray[np.int64],
+    colour: I32,
     whole: Any,
-    texel: Any,
-    pattern: Any,
-) -> Any:
+    texel: NDArray[np.int64],
+    pattern: I32,
+) -> None:
     """Which texel each of ``rays`` rays of the blocks ``chosen`` starts from, and its direction's number.
 
     Neighbouring blocks use different parts of the sequence of ``whole`` directions; the rays start all over the block.
@@ -216,7 +216,7 @@ def solve(
 
 
 @njit
-def _block_at(cells: Any, index: Any, of: Any, out: Any) -> Any:
+def _block_at(cells: NDArray[np.int64], index: I32, of: I32, out: I32) -> None:
     for i in range(len(cells)):
         texel = index[cells[i]] if cells[i] >= 0 else -1
         if texel < 0:
@@ -234,7 +234,7 @@ def _blocks_met(surfaces: LitSurfaces, sheet: Sheet, texels: Texels, blocks: Blo
 
 
 @njit
-def _collect(block: Any, radiance: Any, pattern: Any, table: Any, gloss: Any, light: Any, variance: Any) -> Any:
+def _collect(block: I32, radiance: F32, pattern: I32, table: F32, gloss: F32, light: F32, variance: F32) -> None:
     count = table.shape[1]
     for i in range(len(light)):
         flat = np.zeros(3)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generators.core.jit import njit
-from generators.core.scene import F32
+from generators.core.scene import F32, I32
 from generators.lighting.surfaces import LitSurfaces, in_chunks
 from generators.lighting.texels import Sheet, Texels
 
@@ -22,22 +22,22 @@ _CHUNK = 1 << 14
 
 @njit
 def _smooth(
-    chosen: Any,
-    light: Any,
-    variance: Any,
-    position: Any,
-    normal: Any,
-    across: Any,
-    cell: Any,
-    index: Any,
-    part: Any,
-    offset: Any,
-    width: Any,
-    height: Any,
+    chosen: NDArray[np.int64],
+    light: F32,
+    variance: F32,
+    position: F32,
+    normal: F32,
+    across: F32,
+    cell: NDArray[np.int64],
+    index: I32,
+    part: I32,
+    offset: NDArray[np.int64],
+    width: NDArray[np.int64],
+    height: NDArray[np.int64],
     window: Any,
-    reach: Any,
-    out: Any,
-) -> Any:
+    reach: float,
+    out: F32,
+) -> None:
     half = len(window) // 2
     near = np.empty((len(window), len(window)), dtype=np.int64)
     for i in chosen:
@@ -147,19 +147,19 @@ def smooth(
 
 @njit
 def _fill(
-    light: Any,
-    known: Any,
-    chart: Any,
-    cell: Any,
-    index: Any,
-    part: Any,
-    offset: Any,
-    width: Any,
-    height: Any,
-    rings: Any,
-    first: Any,
-    last: Any,
-) -> Any:
+    light: F32,
+    known: NDArray[np.bool_],
+    chart: I32,
+    cell: NDArray[np.int64],
+    index: I32,
+    part: I32,
+    offset: NDArray[np.int64],
+    width: NDArray[np.int64],
+    height: NDArray[np.int64],
+    rings: int,
+    first: int,
+    last: int,
+) -> None:
     """Flood known light into the unknown ones of the texels ``first`` to ``last``, whole charts, ring by ring."""
     count = 0
     for i in range(first, last):
@@ -242,7 +242,7 @@ def fill(
 
 
 @njit
-def _ring(image: Any, known: Any, fresh: Any) -> Any:
+def _ring(image: Any, known: Any, fresh: Any) -> None:
     """Give empty cells the mean of the known ones among the four beside them; ``fresh`` is working memory."""
     rows, columns = known.shape
     for y in range(rows):

@@ -108,18 +108,18 @@ def find_sun(name: str, surfaces: LitSurfaces, tracer: Tracer) -> Sun | None:
 
 @njit
 def _sun_rays(
-    pattern: Any,
-    position: Any,
-    normal: Any,
-    across: Any,
-    direction: Any,
+    pattern: I32,
+    position: F32,
+    normal: F32,
+    across: F32,
+    direction: NDArray[np.float64],
     side: Any,
     top: Any,
-    disc: Any,
-    jitter: Any,
-    origins: Any,
-    directions: Any,
-) -> Any:
+    disc: NDArray[np.float64],
+    jitter: F32,
+    origins: F32,
+    directions: F32,
+) -> None:
     count = disc.shape[1]
     for i in range(len(position)):
         p = pattern[i]

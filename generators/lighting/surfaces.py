@@ -124,7 +124,9 @@ def _reduced(texture: Texture, limit: int) -> F32:
 
 
 @njit
-def _albedo(face: Any, v: Any, w: Any, uv: Any, material: Any, colour: Any, image: Any, pixels: Any, out: Any) -> Any:
+def _albedo(
+    face: I32, v: F32, w: F32, uv: F32, material: I32, colour: F32, image: NDArray[np.int64], pixels: F32, out: F32
+) -> None:
     for i in range(len(face)):
         f = face[i]
         if f < 0:

@@ -169,7 +169,7 @@ def rasterise(surfaces: LitSurfaces, sheet: Sheet, wanted: NDArray[np.bool_] | N
 
 
 @inline
-def _closest(px: Any, py: Any, a: Any, b: Any, c: Any) -> Any:
+def _closest(px: float, py: float, a: Any, b: Any, c: Any) -> Any:
     """Barycentric weights (of b and c) of the triangle's point nearest to (px, py) (Ericson 2005, section 5.1.5)."""
     abx, aby, acx, acy = b[0] - a[0], b[1] - a[1], c[0] - a[0], c[1] - a[1]
     apx, apy = px - a[0], py - a[1]
@@ -201,8 +201,16 @@ def _closest(px: Any, py: Any, a: Any, b: Any, c: Any) -> Any:
 
 @njit
 def _cover(
-    faces: Any, uv: Any, part: Any, offset: Any, width: Any, height: Any, nearest: Any, owner: Any, weights: Any
-) -> Any:
+    faces: NDArray[np.intp],
+    uv: F32,
+    part: I32,
+    offset: NDArray[np.int64],
+    width: NDArray[np.int64],
+    height: NDArray[np.int64],
+    nearest: F32,
+    owner: I32,
+    weights: F32,
+) -> None:
     for f in faces:
         p = part[f]
         a, b, c = uv[f, 0], uv[f, 1], uv[f, 2]
@@ -227,16 +235,16 @@ def _cover(
 
 @njit
 def _properties(
-    face: Any,
-    weights: Any,
-    triangles: Any,
-    normals: Any,
-    face_normal: Any,
-    map_uv: Any,
-    position: Any,
-    normal: Any,
-    across: Any,
-) -> Any:
+    face: I32,
+    weights: F32,
+    triangles: F32,
+    normals: F32,
+    face_normal: F32,
+    map_uv: F32,
+    position: F32,
+    normal: F32,
+    across: F32,
+) -> None:
     for i in range(len(face)):
         f = face[i]
         v, w = weights[i, 0], weights[i, 1]

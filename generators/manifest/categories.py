@@ -74,7 +74,7 @@ def _new_name(value: Any) -> str:
     return str(value)
 
 
-def _support(value: Any) -> SupportKind:
+def _support(value: object) -> SupportKind:
     if not isinstance(value, str) or value not in SUPPORTS:
         raise ValueError(
             f"unknown support {excerpt(value)}: expected one of {', '.join(SUPPORTS)}{did_you_mean(value, SUPPORTS)}"
@@ -82,19 +82,19 @@ def _support(value: Any) -> SupportKind:
     return SUPPORTS[value]
 
 
-def _supports(value: Any) -> Any:
+def _supports(value: object) -> object:
     if not isinstance(value, list | tuple) or not value:
         raise ValueError(f"expected a list of supports like [table, worktop], found {excerpt(value)}")
     return value
 
 
-def _range(value: Any) -> Any:
+def _range(value: object) -> object:
     if not isinstance(value, list | tuple) or len(value) != 2:
         raise ValueError(f"expected [lowest, highest] in metres, found {excerpt(value)}")
     return value
 
 
-def check_number(value: Any) -> Any:
+def check_number(value: object) -> object:
     """Refuse true and false, which pydantic takes for 1 and 0.
 
     Raises:

@@ -36,6 +36,11 @@ class FieldError(ValueError):
         self.faults = faults
 
 
+def listed(names: Sequence[str], most: int = 8) -> str:
+    """``a, b, c and 4 more``."""
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
 def place_name(place: Sequence[str | int]) -> str:
     """``observations.3.category``."""
     return ".".join(map(step, place)) or "manifest"

@@ -1,16 +1,13 @@
 """The manifest: a YAML file that lists what to generate. Every field is checked before generation begins.
 
-Start reading at `read_manifest`; `generators.plan` turns a manifest into one plan per observation.
+Start reading at `Manifest`; `generators.manifest.reading` reads the file, `generators.plan` turns a manifest into one
+plan per observation.
 """
 
 from __future__ import annotations
 
-import fnmatch
-import hashlib
 import re
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable, Iterator
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -22,18 +19,17 @@ from pydantic import (
     Field,
     ModelWrapValidatorHandler,
     Tag,
-    ValidationError,
     model_validator,
 )
 
 from avs3d_bench.contract.layout import observation_key
 from avs3d_bench.contract.schema import Category, Part, Room
 from avs3d_bench.contract.taxonomy import MOST_OWN_CATEGORIES, PART_3, check_room
-from avs3d_bench.errors import Avs3dError, UsageError, excerpt
-from avs3d_bench.formats.yamlfile import read_yaml, step
+from avs3d_bench.errors import UsageError, excerpt
 from generators.core.limits import FRAMES, MOST_INDEX, SIZE
 from generators.manifest.categories import CategoryName, CategorySpec, Number, check_name, declared, missing_files
-from generators.manifest.messages import Fault, FieldError, in_lines, messages
+from generators.manifest.messages import Fault, FieldError, listed
+from generators.manifest.variants import resolve_variants
 from generators.options import DEFAULT_AUDIO
 
 #: Largest coordinate of a room's box (m): far beyond any home, and small enough for millimetres in single precision.
@@ -87,19 +83,19 @@ def _axis(value: str) -> str:
     return value
 
 
-def _category(value: Any) -> Any:
+def _category(value: object) -> str:
     return check_name(value)
 
 
-def _silent(value: Any) -> Any:
+def _silent(value: object) -> str:
     return check_name(value, silent=True)
 
 
-def _room(value: Any) -> Any:
+def _room(value: Any) -> str:
     return _named(check_room, value)
 
 
-def _named(check: Callable[[str], str], value: Any) -> str:
+def _named(check: Callable[[str], str], value: str) -> str:
     """Return ``check(value)``; its error becomes a ValueError, to which pydantic adds the field's name."""
     try:
         return check(value)
@@ -224,7 +220,7 @@ Seconds = Annotated[Number, Field(ge=0.0, le=float(FRAMES[1]))]
 Count = Annotated[int, Field(ge=1, le=MOST_COPIES, strict=True)]
 
 
-def _kind_of_instances(value: Any) -> str | None:
+def _kind_of_instances(value: object) -> str | None:
     """Tag of the type that `instances` has; errors name it, and `_finding` leaves it out."""
     return "[objects]" if isinstance(value, dict) else "[number]" if isinstance(value, int) else None
 
@@ -286,7 +282,7 @@ def _intervals(value: tuple[tuple[float, float], ...]) -> tuple[tuple[float, flo
     return value
 
 
-def _not_too_many(value: Any) -> Any:
+def _not_too_many(value: object) -> object:
     """Refuse a list that is too long before each of its entries is looked at."""
     if isinstance(value, list | tuple) and len(value) > MOST_INTERVALS:
         raise ValueError(f"{len(value):,} intervals; expected at most {MOST_INTERVALS:,}")
@@ -335,7 +331,7 @@ class ProgrammeSpec(_Model):
             raise ValueError(f"programme begins at {earliest:g} s at the earliest; expected less than {seconds} s")
 
 
-def _programme(value: Any) -> Any:
+def _programme(value: object) -> object:
     """``always`` stands for None, a list for its intervals."""
     if value == "always":
         return None
@@ -375,7 +371,7 @@ class BackgroundSpec(_Model):
 
 
 #: Fields of an entry of part_3, and of the other parts.
-_SCENE_FIELDS, _ONE_SOURCE_FIELDS = ("sources", "background", "variant_of"), ("category", "silent", "variant")
+_PART_3_FIELDS, _ONE_SOURCE_FIELDS = ("sources", "background", "variant_of"), ("category", "silent", "variant")
 
 
 class ObservationSpec(_Model):
@@ -407,7 +403,7 @@ class ObservationSpec(_Model):
 
     @model_validator(mode="after")
     def _counts(self) -> ObservationSpec:
-        foreign = _ONE_SOURCE_FIELDS if self.is_part_3 else _SCENE_FIELDS
+        foreign = _ONE_SOURCE_FIELDS if self.is_part_3 else _PART_3_FIELDS
         surplus = [name for name in foreign if getattr(self, name) != type(self).model_fields[name].default]
         if surplus:
             raise ValueError(f"{surplus[0]} does not belong to {self.part}; leave it out, or write another part")
@@ -464,7 +460,7 @@ class ObservationSpec(_Model):
             return f"room {source.room} is the observation's own; name another, or leave it out" if same else ""
         there = self.instances.get(source.category, 0)
         if not there:
-            found = _listed(tuple(self.instances))
+            found = listed(tuple(self.instances))
             return f"no {source.category} stands in this {self.room}; instances has {found}"
         if source.instance is not None and source.instance > there:
             return f"instance {source.instance} of {source.category} does not exist; expected 1 to {there}"
@@ -568,24 +564,7 @@ class Manifest(_Model):
         if not isinstance(document, dict) or not isinstance(document.get("observations"), list | tuple):
             return document
         shared = {name: document[name] for name in ("acoustics", "source_motion") if name in document}
-        entries = [shared | entry if isinstance(entry, dict) else entry for entry in document["observations"]]
-        originals = {_raw_key(entry): entry for entry in entries if isinstance(entry, dict) and "like" not in entry}
-        faults: list[Fault] = []
-        for number, entry in enumerate(document["observations"]):
-            if isinstance(entry, dict) and "like" in entry:
-                try:
-                    entries[number] = _sibling_base(entry, originals) | entry
-                except ValueError as error:
-                    faults.append((("observations", number), str(error)))
-        scenes = {_raw_key(one): one for one in entries if isinstance(one, dict) and "variant_of" not in one}
-        for number, entry in enumerate(document["observations"]):
-            if isinstance(entry, dict) and "variant_of" in entry and "like" not in entry:
-                try:
-                    entries[number] = _variant_base(entry, scenes) | entry
-                except ValueError as error:
-                    faults.append((("observations", number), str(error)))
-            if isinstance(entry, dict) and entries[number].get("part") == "part_3" and "source_motion" not in entry:
-                entries[number] = {name: value for name, value in entries[number].items() if name != "source_motion"}
+        entries, faults = resolve_variants(document["observations"], shared)
         if faults:
             raise FieldError(*faults)
         return document | {"observations": entries}
@@ -611,7 +590,7 @@ class Manifest(_Model):
     def _faults_of(self, entry: ObservationSpec) -> Iterator[Fault]:
         """Yield the faults of an observation: of its home, its programmes, the files of its categories, its variant."""
         if entry.scan not in self.scans:
-            expected = _listed(tuple(self.scans))
+            expected = listed(tuple(self.scans))
             yield ("scan",), f"{entry.key}: unknown scan {entry.scan!r}; expected {expected}"
         for number, source in enumerate(entry.sources or ()):
             try:
@@ -628,7 +607,7 @@ class Manifest(_Model):
             yield (
                 ("variant",),
                 f"{entry.key}: variant {entry.variant!r} is not among models of {entry.category}; "
-                f"expected one of {_listed(allowed)}",
+                f"expected one of {listed(allowed)}",
             )
 
     def _faults_of_models(self) -> Iterator[Fault]:
@@ -642,131 +621,3 @@ class Manifest(_Model):
             twice = next((variant for variant in allowed if allowed.count(variant) > 1), None)
             if twice is not None:
                 yield place, f"{twice!r} is listed twice"
-
-
-#: The fields that an entry with ``like`` may have, and those that it may have in part_3 only.
-_VARIANT_FIELDS, _SIBLING_FIELDS = ("like", "index", "acoustics"), ("sources", "background")
-#: The fields that an entry with ``variant_of`` may have.
-_SCENE_VARIANT_FIELDS = ("variant_of", "index", "acoustics", "background")
-
-
-def _listed(names: Sequence[str], most: int = 8) -> str:
-    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
-
-
-def _raw_key(entry: dict[str, Any]) -> str:
-    return "/".join(str(entry.get(name)) for name in ("part", "scan", "room", "index"))
-
-
-def _sibling_base(entry: dict[str, Any], originals: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    """Find the entry of which ``entry`` is a variant.
-
-    Raises:
-        ValueError: if there is none, or ``entry`` has fields that a variant may not have.
-    """
-    original = originals.get(str(entry["like"]))
-    if original is None:
-        raise ValueError(
-            f"like {excerpt(entry['like'])} names no observation of this manifest that is not a "
-            f"variant itself; expected a key like {excerpt(next(iter(originals), 'part_1/scan/kitchen/1'))}"
-        )
-    scene = original.get("part") == PART_3
-    own = (*_VARIANT_FIELDS, *_SIBLING_FIELDS) if scene else _VARIANT_FIELDS
-    surplus = sorted(step(name) for name in set(entry) - set(own))
-    if surplus:
-        what = "index, acoustics, sources and background" if scene else "index and acoustics"
-        raise ValueError(
-            f"an entry with like cannot have {_listed(surplus)}; a variant takes "
-            f"everything except {what} from its original; leave them out"
-        )
-    left = {"index", "background"} if "sources" in entry else {"index"}
-    return {name: value for name, value in original.items() if name not in left}
-
-
-def _variant_base(entry: dict[str, Any], scenes: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    """The fields that an entry with ``variant_of`` takes from its original.
-
-    Raises:
-        ValueError: if there is no original in part_3, or ``entry`` has fields that such an entry may not have.
-    """
-    key = str(entry["variant_of"])
-    original = scenes.get(key)
-    if original is None or original.get("part") != PART_3:
-        raise ValueError(
-            f"variant_of {excerpt(key)} names no observation of part_3 of this manifest that "
-            "has no variant_of itself; in part_1 and part_2 write like"
-        )
-    surplus = sorted(step(name) for name in set(entry) - set(_SCENE_VARIANT_FIELDS))
-    if surplus:
-        raise ValueError(
-            f"an entry with variant_of cannot have {_listed(surplus)}; it takes everything "
-            "except index, acoustics and background from its original; leave them out"
-        )
-    return {name: value for name, value in original.items() if name != "index"} | {"like": original.get("like", key)}
-
-
-@dataclass(frozen=True)
-class ManifestFile:
-    """A manifest with its path, its text and the sha256 of its bytes."""
-
-    manifest: Manifest
-    path: Path
-    text: str
-    sha256: str
-
-    @property
-    def base(self) -> Path:
-        """Folder that relative file names in the manifest refer to."""
-        return self.path.parent
-
-    def refusal(self, faults: Sequence[Fault]) -> tuple[str, ...]:
-        """A message for each problem, with the manifest, the field and its line."""
-        return in_lines(faults, self.path, self.text)
-
-
-def read_manifest(path: str | Path) -> ManifestFile:
-    """Read and check a manifest.
-
-    Raises:
-        UsageError: for each problem a line with the file, the field, its line, what was found and what was expected.
-    """
-    path = Path(path)
-    try:
-        document, raw = read_yaml(path)
-    except UsageError:
-        raise
-    except Avs3dError as error:
-        raise UsageError(f"cannot read the manifest: {error}") from error
-    if not isinstance(document, dict):
-        raise UsageError(
-            f"{path}: expected a mapping with name, seed, scans and observations, found {excerpt(document)}"
-        )
-    try:
-        manifest = Manifest.model_validate(document)
-    except ValidationError as error:
-        raise UsageError(*messages(error, path, raw.decode("utf-8"), Manifest)) from None
-    return ManifestFile(manifest, path.resolve(), raw.decode("utf-8"), hashlib.sha256(raw).hexdigest())
-
-
-def select(manifest: Manifest, patterns: Sequence[str], option: str = "--only") -> tuple[ObservationSpec, ...]:
-    """The observations whose key matches one of the shell patterns (all without patterns), in the manifest's order.
-
-    Args:
-        manifest: with the observations.
-        patterns: as the user gave them.
-        option: that takes the patterns, for the message.
-
-    Raises:
-        UsageError: if a pattern matches nothing.
-    """
-    for pattern in patterns:
-        if not any(fnmatch.fnmatchcase(entry.key, pattern) for entry in manifest.observations):
-            raise UsageError(
-                f"{option} {excerpt(pattern)} matches no observation of {manifest.name}; "
-                f"keys look like {manifest.observations[0].key!r}"
-            )
-    return tuple(
-        entry
-        for entry in manifest.observations
-        if not patterns or any(fnmatch.fnmatchcase(entry.key, pattern) for pattern in patterns)
-    )

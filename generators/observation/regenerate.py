@@ -25,7 +25,7 @@ from avs3d_bench.runtime.provenance import SOFTWARE
 from generators.acoustics.receivers import Receivers, choose_receivers
 from generators.backends import observation_provenance, vision_backend
 from generators.core.folders import default_cache
-from generators.manifest.schema import ManifestFile, read_manifest
+from generators.manifest.reading import ManifestFile, read_manifest
 from generators.observation.generate import generate_observation
 from generators.options import Audio, Extra, GenerateOptions, Vision
 from generators.plan import ObservationPlan, make_plans

@@ -32,7 +32,8 @@ from avs3d_bench.formats import files
 from avs3d_bench.runtime.provenance import Provenance
 from generators.library.licences import conditions
 from generators.library.lock import LOCK_NAME, read_lock
-from generators.manifest.schema import AssetSpec, ManifestFile, ScanSpec
+from generators.manifest.reading import ManifestFile
+from generators.manifest.schema import AssetSpec, ScanSpec
 
 
 def check(source: ManifestFile) -> None:

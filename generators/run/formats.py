@@ -24,7 +24,8 @@ from avs3d_bench.exports.shards import SHARDS_JSON, ShardIndex
 from avs3d_bench.formats import files
 from avs3d_bench.runtime.parallel import available_cores
 from avs3d_bench.runtime.provenance import Provenance
-from generators.manifest.schema import Manifest, ManifestFile
+from generators.manifest.reading import ManifestFile
+from generators.manifest.schema import Manifest
 from generators.observation.output import FolderOutput, ObservationOutput
 from generators.observation.tar_output import TarOutput, tar_plan_digest
 from generators.plan import ObservationPlan

@@ -18,7 +18,7 @@ from avs3d_bench.scheduling.options import scheduler_of
 from avs3d_bench.scheduling.tasks import Listener
 from generators.core.cuda import most_workers
 from generators.core.folders import default_cache
-from generators.manifest.schema import ManifestFile, read_manifest, select
+from generators.manifest.reading import ManifestFile, read_manifest, select
 from generators.options import GenerateOptions, check_path
 from generators.plan import ObservationPlan, make_plans
 from generators.run.progress import reporting

@@ -8,7 +8,8 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from generators.acoustics.materialfile import read_material_file
 from generators.assets.meshcheck import check_file
 from generators.library.store import check_asset
-from generators.manifest.schema import AssetSpec, ManifestFile, ObjectSpec, SoundSpec
+from generators.manifest.reading import ManifestFile
+from generators.manifest.schema import AssetSpec, ObjectSpec, SoundSpec
 from generators.observation.arrangement import load_object
 from generators.observation.hearing import PRE_ROLL
 from generators.observation.sources import sound_file

@@ -30,7 +30,8 @@ from avs3d_bench.scheduling.tasks import Event, Failure, Listener, Policy, Sched
 from generators.backends import observation_provenance
 from generators.core.limits import MOST_CORES
 from generators.homes.cache import check_writable, is_stored
-from generators.manifest.schema import CameraSpec, ManifestFile
+from generators.manifest.reading import ManifestFile
+from generators.manifest.schema import CameraSpec
 from generators.observation.output import sweep
 from generators.plan import ObservationPlan, check_scans
 from generators.run.dataset_record import check

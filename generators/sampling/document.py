@@ -36,7 +36,7 @@ def manifest_text(document: dict[str, Any], command: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _flow(value: Any) -> str:
+def _flow(value: object) -> str:
     """A value in one line."""
     text = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=1_000_000, allow_unicode=True)
     return str(text).removesuffix("...\n").strip()

@@ -10,7 +10,8 @@ from avs3d_bench.contract.taxonomy import CATEGORIES, DISTRACTORS
 from avs3d_bench.errors import UsageError
 from generators.assets.catalogue import training_variants, variants
 from generators.library.lock import LOCK_NAME
-from generators.manifest.schema import Manifest, read_manifest
+from generators.manifest.reading import read_manifest
+from generators.manifest.schema import Manifest
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,8 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.runtime.parallel import process_each
 from generators.apartments.apartment import build_apartment
 from generators.core.scene import Scene
-from generators.manifest.schema import Manifest, ManifestFile
+from generators.manifest.reading import ManifestFile
+from generators.manifest.schema import Manifest
 from generators.observation.arrangement import arrange
 from generators.options import GenerateOptions
 from generators.placement.site import Site

@@ -11,19 +11,13 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 from avs3d_bench.errors import UsageError, did_you_mean
 from generators.core.limits import MOST_INDEX
-from generators.manifest.schema import (
-    ABSORPTION_SCALE,
-    SNR_DB,
-    BackgroundSpec,
-    Manifest,
-    ManifestFile,
-    ObservationSpec,
-    select,
-)
+from generators.manifest.reading import ManifestFile, select
+from generators.manifest.schema import ABSORPTION_SCALE, SNR_DB, BackgroundSpec, Manifest, ObservationSpec
 
 #: Largest number of observations of a sweep.
 MOST_VARIANTS = 5_000
@@ -240,7 +234,7 @@ def _check(chosen: Sequence[ObservationSpec], grid: Sequence[Point]) -> None:
             raise UsageError(f"{spec.key} has no background whose kind could be swept; give --over {SNR}=… as well")
 
 
-def check_place(source: ManifestFile, output: Any) -> None:
+def check_place(source: ManifestFile, output: Path) -> None:
     """Refuse to write a manifest elsewhere if it names files relative to its folder.
 
     Args:

@@ -33,7 +33,7 @@ def sweep(manifest: Path, over: tuple[str, ...], output: Path, only: tuple[str, 
     """
     from avs3d_bench.formats import files
     from avs3d_bench.formats.yamlfile import read_yaml
-    from generators.manifest.schema import read_manifest
+    from generators.manifest.reading import read_manifest
     from generators.sampling.document import manifest_text
     from generators.sampling.sweep import check_place, grid_of, parse_axis
     from generators.sampling.sweep import sweep as make

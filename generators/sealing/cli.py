@@ -62,7 +62,7 @@ def seal(
     """
     choose_tools(chosen.pop("habitat_python"))
     from avs3d_bench.errors import UsageError
-    from generators.manifest.schema import read_manifest
+    from generators.manifest.reading import read_manifest
     from generators.options import GenerateOptions
     from generators.sealing.seal import bind_secret
     from generators.sealing.seal import seal as make

@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 
 from avs3d_bench.commands.report import Problem
 from avs3d_bench.contract import layout
-from avs3d_bench.contract.schema import CameraSplits, DatasetRecord, ObservationRecord, PosesRecord
+from avs3d_bench.contract.schema import CameraSplits, DatasetRecord, ObservationRecord, PosesRecord, SealRecord
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats import files
 from avs3d_bench.runtime.parallel import available_cores
-from avs3d_bench.sealing.seal import COMMITTED, MANIFEST, OPENING_KEY, SealRecord
+from avs3d_bench.sealing.seal import COMMITTED, MANIFEST, OPENING_KEY
 from avs3d_bench.validation.catalogue import check_catalogue
 from avs3d_bench.validation.findings import Findings
 from avs3d_bench.validation.masks import Contents, check_masks

@@ -16,7 +16,8 @@ from typing import Any
 from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.sealing.secret import derive
-from generators.manifest.schema import Manifest, ManifestFile
+from generators.manifest.reading import ManifestFile
+from generators.manifest.schema import Manifest
 
 #: Bytes of a seed: too many values to try.
 SEED_BYTES = 16

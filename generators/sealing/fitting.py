@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from avs3d_bench.runtime.parallel import process_each
-from generators.manifest.schema import Manifest, ManifestFile
+from generators.manifest.reading import ManifestFile
+from generators.manifest.schema import Manifest
 from generators.options import GenerateOptions
 from generators.plan import ObservationPlan, make_plans
 from generators.sampling.fitting import fits

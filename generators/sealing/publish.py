@@ -16,29 +16,22 @@ from pathlib import Path
 
 from avs3d_bench.contract import layout
 from avs3d_bench.contract.schema import (
+    CommitmentsRecord,
     DatasetEntry,
     DatasetRecord,
+    DrawsRecord,
     ObservationRecord,
     PosesRecord,
     Scalar,
+    SealRecord,
     unique_attributions,
 )
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats import files
-from avs3d_bench.sealing.seal import (
-    COMMITTED,
-    MANIFEST,
-    OPENING,
-    OPENING_KEY,
-    CommitmentsRecord,
-    DrawsRecord,
-    SealRecord,
-    commitment,
-    truth_files,
-)
+from avs3d_bench.sealing.seal import COMMITTED, MANIFEST, OPENING, OPENING_KEY, commitment, truth_files
 from avs3d_bench.sealing.secret import CommittedSecret, derive
-from generators.manifest.schema import ManifestFile
+from generators.manifest.reading import ManifestFile
 from generators.run.dataset_record import licence_of, manifest_attributions
 
 #: Time of every published file and folder: 1980-01-01 00:00:00 UTC, the first that a zip archive can hold (s).

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from avs3d_bench.contract import layout
-from avs3d_bench.contract.schema import Scalar
+from avs3d_bench.contract.schema import Scalar, SealRecord, SecretCommitment
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import files
@@ -18,9 +18,10 @@ from avs3d_bench.formats.staging import staged_folder
 from avs3d_bench.formats.yamlfile import read_yaml
 from avs3d_bench.runtime.parallel import available_cores
 from avs3d_bench.scheduling.options import Options as Scheduling
-from avs3d_bench.sealing.seal import COMMITMENT, DRAWS, MANIFEST, OPENING_KEY, PRIVATE, PUBLIC, SECRET, SealRecord
-from avs3d_bench.sealing.secret import SECRET_BYTES, CommittedSecret, SecretCommitment, commit, read_secret, working_key
-from generators.manifest.schema import Manifest, ManifestFile
+from avs3d_bench.sealing.seal import COMMITMENT, DRAWS, MANIFEST, OPENING_KEY, PRIVATE, PUBLIC, SECRET
+from avs3d_bench.sealing.secret import SECRET_BYTES, CommittedSecret, commit, read_secret, working_key
+from generators.manifest.reading import ManifestFile
+from generators.manifest.schema import Manifest
 from generators.observation.sources import check_takes
 from generators.options import GenerateOptions
 from generators.plan import make_plans

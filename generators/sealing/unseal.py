@@ -10,7 +10,7 @@ from typing import Any
 
 from avs3d_bench.commands.report import Problem, ordered
 from avs3d_bench.contract import layout
-from avs3d_bench.contract.schema import ObservationRecord, ProvenanceRecord
+from avs3d_bench.contract.schema import DrawsRecord, ObservationRecord, ProvenanceRecord, SealRecord, SecretCommitment
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import files
 from avs3d_bench.formats.yamlfile import read_yaml
@@ -22,17 +22,15 @@ from avs3d_bench.sealing.seal import (
     PRIVATE,
     PUBLIC,
     TEMPLATE,
-    DrawsRecord,
-    SealRecord,
     check_belonging,
     check_public,
     check_secret,
     check_truth,
     read_seal,
 )
-from avs3d_bench.sealing.secret import SecretCommitment, derive
+from avs3d_bench.sealing.secret import derive
 from generators.backends import observation_provenance
-from generators.manifest.schema import ManifestFile, read_manifest
+from generators.manifest.reading import ManifestFile, read_manifest
 from generators.options import EngineOptions, GenerateOptions
 from generators.plan import ObservationPlan, make_plans
 from generators.run.generation import generate_plans

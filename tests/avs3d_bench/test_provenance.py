@@ -45,7 +45,7 @@ from avs3d_bench.scheduling.tasks import Context
 from baselines.trivial import write_trivial
 from evaluators import evaluate, open_submission, write_report
 from generators.backends import ACOUSTIC, VISION, observation_provenance, unused_backends
-from generators.manifest.schema import read_manifest
+from generators.manifest.reading import read_manifest
 from generators.options import EngineOptions, GenerateOptions
 from generators.plan import make_plans
 from generators.run.dataset_record import read_observation
@@ -226,7 +226,7 @@ def test_a_method_that_is_not_listed_depends_on_its_module_and_the_contract(meth
     assert folders_of("baselines.mine:write_mine") == (*CONTRACT, "baselines.mine")
     found = method("")
     assert {name for name in found.sources if not name.startswith("avs3d_bench/")} == {"baselines/mine.py"}
-    assert "avs3d_bench/contract/schema.py" in found.sources
+    assert "avs3d_bench/contract/schema/observation.py" in found.sources
 
 
 def test_libraries_that_are_imported_by_name_or_missing_count(method: Any) -> None:

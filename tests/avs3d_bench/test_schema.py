@@ -20,7 +20,7 @@ from avs3d_bench.formats import files
 from tests.support import tiny
 from tests.support.shared import SharedDataset
 
-COMMITTED = Path(schema.__file__).parent / "schemas"
+COMMITTED = Path(schema.__file__).parents[1] / "schemas"
 
 
 @pytest.fixture(scope="module")

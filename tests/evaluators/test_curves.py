@@ -207,7 +207,7 @@ def test_by_room_and_category_the_figures_are_those_of_the_file_of_scores(scored
 
 
 def test_a_bin_with_all_observations_has_the_interval_of_the_file_of_scores():
-    """As `evaluators.protocols.official_strict.summarise`, from the values of the observations."""
+    """As `evaluators.summary.summarise`, from the values of the observations."""
     some = random_rows(5)
     values = [np.mean([r.IoU for r in some if r.key == key and r.IoU is not None]) for key in {r.key for r in some}]
     found = point([r for r in some if r.IoU is not None], STRICT)

@@ -32,7 +32,7 @@ from evaluators.metrics.classes import class_ious, confusion
 from evaluators.metrics.masks import frame_counts
 from evaluators.metrics.pairs import agrees_better, differ, is_right, pair_accuracy, sibling_scores
 from evaluators.protocols import listen
-from evaluators.protocols import official_strict as protocols
+from evaluators.protocols import strict as protocols
 from evaluators.references.deaf import DeafOracles
 from evaluators.score import evaluate
 from evaluators.statistics import bootstrap

@@ -23,9 +23,11 @@ from evaluators.metrics.frames import (
 )
 from evaluators.metrics.masks import FrameCounts
 from evaluators.metrics.volume import VolumeScore
-from evaluators.protocols import official_strict as protocols
-from evaluators.protocols.official_strict import official_observation, strict_observation, summarise
+from evaluators.protocols import strict as protocols
+from evaluators.protocols.official import official_observation
+from evaluators.protocols.strict import strict_observation
 from evaluators.references.deaf import DeafFrame, deaf_frame, deaf_references, most_seen
+from evaluators.summary import summarise
 
 WHY = {
     "wrong_instance_rate": protocols.ONE_INSTANCE,

@@ -21,7 +21,7 @@ from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import UsageError
 from avs3d_bench.formats import files, media
 from evaluators.cli import main
-from evaluators.protocols import official_strict as protocols
+from evaluators.protocols import strict as protocols
 from evaluators.reading.checks import check
 from evaluators.reporting.compare import compare
 from evaluators.score import evaluate

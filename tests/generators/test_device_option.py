@@ -16,7 +16,7 @@ from generators import backends
 from generators.cli import generate as command
 from generators.core import cuda
 from generators.homes import cache
-from generators.manifest.schema import ManifestFile, read_manifest
+from generators.manifest.reading import ManifestFile, read_manifest
 from generators.observation.record import describe_device
 from generators.options import EngineOptions, GenerateOptions
 from generators.plan import ObservationPlan, make_plans

@@ -14,7 +14,8 @@ from avs3d_bench.errors import UsageError
 from avs3d_bench.formats.yamlfile import lines_of
 from generators.cli import generate
 from generators.manifest.messages import MOST_FAULTS
-from generators.manifest.schema import MOST_INTERVALS, read_manifest
+from generators.manifest.reading import read_manifest
+from generators.manifest.schema import MOST_INTERVALS
 
 HEAD = """\
 name: mine

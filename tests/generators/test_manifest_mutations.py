@@ -16,7 +16,7 @@ import yaml
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from generators.library.lock import LOCK_NAME, parse_lock
-from generators.manifest.schema import read_manifest
+from generators.manifest.reading import read_manifest
 from generators.options import GenerateOptions
 from generators.plan import check_scans, make_plans
 from generators.run.dataset_record import check

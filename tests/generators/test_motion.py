@@ -23,7 +23,7 @@ from avs3d_bench.validate import validate
 from avs3d_bench.validation.findings import Findings
 from avs3d_bench.validation.sightings import Sightings
 from avs3d_bench.validation.solid import Boxes
-from evaluators.protocols import official_strict as protocols
+from evaluators.protocols import strict as protocols
 from evaluators.score import evaluate
 from generators.acoustics.analytic import AnalyticBackend
 from generators.acoustics.clips import binaural_clip, delayed, moving_clip

@@ -22,7 +22,8 @@ from generators.core.scene import Licence, Scene
 from generators.homes import cache as cache
 from generators.library.mesh_cleaning import clean
 from generators.library.store import default_store
-from generators.manifest.schema import LicenceSpec, ManifestFile, ScanSpec, read_manifest
+from generators.manifest.reading import ManifestFile, read_manifest
+from generators.manifest.schema import LicenceSpec, ScanSpec
 from generators.options import GenerateOptions
 from generators.plan import make_plans, resolve_file
 from generators.run.dataset_record import check

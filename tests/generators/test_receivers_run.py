@@ -26,7 +26,7 @@ from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.receivers import OWN_HEAD, Receivers, choose_receivers
 from generators.backends import acoustic_backend
 from generators.cli import generate
-from generators.manifest.schema import read_manifest
+from generators.manifest.reading import read_manifest
 from generators.observation.regenerate import regenerate
 from generators.options import EngineOptions, GenerateOptions
 from generators.plan import make_plans

@@ -14,7 +14,7 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports.shard_check import check_shards
 from avs3d_bench.formats.files import sha256_file
 from avs3d_bench.validate import validate
-from generators.manifest.schema import read_manifest
+from generators.manifest.reading import read_manifest
 from generators.observation.output import FolderOutput, sweep
 from generators.options import GenerateOptions
 from generators.plan import make_plans

@@ -15,7 +15,8 @@ from click.testing import CliRunner
 from avs3d_bench.contract.taxonomy import CATEGORIES, DISTRACTORS, PARTS, ROOMS
 from avs3d_bench.errors import Avs3dError, UsageError
 from generators.assets import catalogue
-from generators.manifest.schema import Manifest, ObservationSpec, read_manifest
+from generators.manifest.reading import read_manifest
+from generators.manifest.schema import Manifest, ObservationSpec
 from generators.options import GenerateOptions
 from generators.plan import make_plans
 from generators.sampling import excluded as excluded_module

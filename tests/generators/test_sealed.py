@@ -17,7 +17,7 @@ from click.testing import CliRunner
 
 from avs3d_bench import cli
 from avs3d_bench.contract import layout
-from avs3d_bench.contract.schema import ObservationRecord, PosesRecord, ProvenanceRecord
+from avs3d_bench.contract.schema import ObservationRecord, PosesRecord, ProvenanceRecord, SecretCommitment
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import files
@@ -302,7 +302,7 @@ def test_a_commitment_is_a_salted_sha256() -> None:
 def test_the_whole_chain_of_commitments(made: Path) -> None:
     seal = sealed.read_seal(made / "public")
     record = seal.commitments.secret
-    assert isinstance(record, secret.SecretCommitment)
+    assert isinstance(record, SecretCommitment)
     both = hashlib.scrypt(SECRET, salt=bytes.fromhex(record.salt), n=record.n, r=record.r, p=record.p, dklen=64)
     assert record.digest == both[32:].hex()
     opening = hmac.new(both[:32], b"avs3d-bench sealed test 1.0: opening key", "sha256").hexdigest()

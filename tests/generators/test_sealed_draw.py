@@ -13,7 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from avs3d_bench.errors import Avs3dError, UsageError
-from generators.manifest.schema import Manifest, read_manifest
+from generators.manifest.reading import read_manifest
+from generators.manifest.schema import Manifest
 from generators.options import GenerateOptions
 from generators.sealing import draw
 from generators.sealing.draw import check_template, draw_document, fit_homes, home_seed

@@ -11,14 +11,15 @@ import pytest
 
 from avs3d_bench import cli
 from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import DrawsRecord, SecretCommitment
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.formats import files
-from avs3d_bench.sealing.seal import DrawsRecord, open_sealed
-from avs3d_bench.sealing.secret import CommittedSecret, SecretCommitment, working_key
+from avs3d_bench.sealing.seal import open_sealed
+from avs3d_bench.sealing.secret import CommittedSecret, working_key
 from avs3d_bench.submission import SubmissionWriter
 from evaluators.reading.submission import open_submission
 from evaluators.score import score
-from generators.manifest.schema import read_manifest
+from generators.manifest.reading import read_manifest
 from generators.sealing.cli import seal, unseal
 from generators.sealing.publish import Sealing, write_private, write_public
 from tests.generators.test_sealed import names_below

@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 
 from avs3d_bench.cli import run
+from avs3d_bench.contract.schema import SecretCommitment
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import files
-from avs3d_bench.sealing.secret import SecretCommitment, commit, working_key
+from avs3d_bench.sealing.secret import commit, working_key
 from generators.sealing.cli import seal
 from generators.sealing.seal import bind_secret
 from generators.sealing.strength import FEWEST_BITS, estimate_bits

@@ -15,7 +15,7 @@ from baselines.doctor import OPTIONS, checks
 from baselines.networks.checkpoints import CHECKPOINTS
 from baselines.trivial import write_trivial
 from evaluators import cli as evaluator
-from generators.manifest.schema import read_manifest
+from generators.manifest.reading import read_manifest
 from generators.run.runner import refuse_foreign
 from tests.support import tiny
 from tests.support.homes import tree_digest, write_manifest

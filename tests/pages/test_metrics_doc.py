@@ -43,12 +43,14 @@ from evaluators.metrics.masks import f_measure, frame_counts, iou
 from evaluators.metrics.pairs import differ, sibling_scores
 from evaluators.metrics.volume import VolumeScore, score_points, true_volume
 from evaluators.protocols import listen
-from evaluators.protocols import official_strict as protocols
+from evaluators.protocols import strict as protocols
 from evaluators.protocols.listen import listen_observation
-from evaluators.protocols.official_strict import official_observation, strict_observation, summarise
+from evaluators.protocols.official import official_observation
+from evaluators.protocols.strict import strict_observation
 from evaluators.references.deaf import DeafOracles, deaf_frame, deaf_references
 from evaluators.statistics import bootstrap, comparison, sign_flips
-from generators.manifest.schema import read_manifest
+from evaluators.summary import summarise
+from generators.manifest.reading import read_manifest
 from tests.evaluators.test_compare import scores_of
 from tests.support.markdown_code import blocks
 from tests.support.score_examples import example_scores

@@ -24,7 +24,8 @@ from avs3d_bench.errors import UsageError
 from avs3d_bench.scheduling import jobqueue
 from baselines.oracle import write_oracle
 from baselines.trivial import write_trivial
-from generators.manifest.schema import Manifest, read_manifest
+from generators.manifest.reading import read_manifest
+from generators.manifest.schema import Manifest
 from tests.support import tiny, tiny_scenes
 from tests.support.markdown_code import ROOT, RUN, Block, blocks, calls, indented, run, unknown
 

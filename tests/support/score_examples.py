@@ -23,9 +23,9 @@ from avs3d_bench.contract.scores import (
 from avs3d_bench.contract.taxonomy import CATEGORIES, PARTS, ROOMS
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.formats import media
-from evaluators.protocols.official_strict import summarise
 from evaluators.reading.records import FrameScore, Submission
 from evaluators.statistics.bootstrap import FEWEST
+from evaluators.summary import summarise
 
 #: What the references get, by figure.
 REFERENCE_FIGURES = {

@@ -23,7 +23,7 @@ from avs3d_bench.geometry import Intrinsics
 from avs3d_bench.sealing.seal import commitment, opening_key
 from avs3d_bench.sealing.secret import CommittedSecret, commit
 from generators.backends import observation_provenance
-from generators.manifest.schema import ManifestFile, read_manifest
+from generators.manifest.reading import ManifestFile, read_manifest
 from generators.observation.arrangement import draw_instances
 from generators.observation.surface_points import draw_pixels
 from generators.options import EngineOptions, GenerateOptions

@@ -188,7 +188,7 @@ def _opened(path: Path) -> _SofaFile:
         raise Avs3dError(f"{path}: cannot be read as a SOFA file ({reason}); expected {CONVENTION}") from None
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     """An attribute as one line of text; bytes that are no UTF-8 become the replacement character."""
     if getattr(value, "shape", ()) is None:  # an empty attribute
         return ""

@@ -1,127 +1,39 @@
-"""The records behind every JSON file of the contract (pydantic v2, frozen, unknown keys refused, numbers finite).
-
-| file                 | record              |
-|----------------------|---------------------|
-| `dataset.json`       | `DatasetRecord`     |
-| `observation.json`   | `ObservationRecord` |
-| `camera_splits.json` | `CameraSplits`      |
-| `submission.json`    | `SubmissionRecord`  |
-| `poses.json`         | `PosesRecord`       |
-
-Units: metres, seconds, degrees, pixels. World: right-handed, Y up; quaternions are (w, x, y, z), camera-to-world for
-frames and object-to-world for instances. avs3d_bench/contract/scores.py has the record of a file of scores,
-avs3d_bench/exports/schema_files.py writes the JSON Schema of each file.
-"""
+"""`observation.json` and `camera_splits.json`: one observation, with its instances, sources, acoustics and frames."""
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
-from collections.abc import Iterable
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal, Self, TypeVar
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
-from avs3d_bench import __version__
 from avs3d_bench.contract import layout
-from avs3d_bench.contract.taxonomy import CATEGORIES, CATEGORY_PATTERN, DISTRACTORS, PART_3, class_ids
+from avs3d_bench.contract.schema.base import (
+    PART_3_VERSION,
+    SCHEMA_VERSION,
+    AttributionRecord,
+    Category,
+    FrameName,
+    LicenceRecord,
+    NonNegative,
+    Part,
+    Positive,
+    Quaternion,
+    Record,
+    RelativePath,
+    Room,
+    Scalar,
+    Scan,
+    Sha256,
+    SourceId,
+    Text,
+    Vector3,
+)
+from avs3d_bench.contract.taxonomy import CATEGORIES, DISTRACTORS, PART_3, class_ids
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
-from avs3d_bench.text.printable import printable
-
-if TYPE_CHECKING:
-    from avs3d_bench.runtime.provenance import Provenance
-
-#: Versions of the file formats: 1.1 adds part_3 and categories of one's own; files without either are still 1.0.
-SCHEMA_VERSION: Final = "1.0"
-PART_3_VERSION: Final = "1.1"
-
-Part = Literal["part_1", "part_2", "part_3"]
-Room = Literal["bathroom", "kitchen", "living_room"]
-#: A category of the taxonomy, or one that the manifest adds (`ObservationRecord.categories`); of an instance, also one
-#: that is always silent.
-Category = Annotated[str, Field(pattern=CATEGORY_PATTERN)]
-SourceId = Annotated[str, Field(pattern=r"^source_[1-9][0-9]*$")]
-Scalar = bool | int | float | str | None
-Text = Annotated[str, Field(min_length=1)]
-Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-Scan = Annotated[str, Field(pattern=layout.SCAN_PATTERN)]
-FrameName = Annotated[str, Field(pattern=layout.FRAME_PATTERN)]
-Vector3 = tuple[float, float, float]
-NonNegative = Annotated[float, Field(ge=0)]
-Positive = Annotated[float, Field(gt=0)]
-
-
-def _unit(q: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-    norm = math.sqrt(sum(c * c for c in q))
-    if abs(norm - 1.0) > 1e-4:
-        raise ValueError(f"norm {norm:.6f}, expected a unit quaternion (w, x, y, z)")
-    return q
-
-
-def _relative(path: str) -> str:
-    if not path or path.startswith("/") or "\\" in path or any(p in ("", ".", "..") for p in path.split("/")):
-        raise ValueError(f"{path!r} is not a relative path with forward slashes")
-    if any(ord(character) < ord(" ") for character in path):
-        raise ValueError(f"{path!r} holds a control character; expected a relative path")
-    return path
-
-
-Quaternion = Annotated[tuple[float, float, float, float], AfterValidator(_unit)]
-RelativePath = Annotated[str, AfterValidator(_relative)]
-
-
-class Record(BaseModel):
-    """Base of all records.
-
-    Fields named in ``left_out`` are not written if they are None, so that files of older versions keep their bytes.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-    left_out: ClassVar[frozenset[str]] = frozenset()
-
-    def omitted(self) -> frozenset[str]:
-        """The fields that are not written if they are None."""
-        return self.left_out
-
-
-class LicenceRecord(Record):
-    """Licence, author and source of an asset."""
-
-    name: Text = Field(description="licence: SPDX identifier if there is one")
-    author: Text
-    source: Text = Field(description="URL, collection and id, or 'procedural'")
-
-
-class AttributionRecord(LicenceRecord):
-    """One asset in the dataset, with its licence."""
-
-    asset: Text
-
-
-class ProvenanceRecord(Record):
-    """The software that made a file; see `avs3d_bench.runtime.provenance`."""
-
-    digest: Sha256 = Field(description="digest of the sources, libraries and Python on which the result depends")
-    toolkit_version: Text
-    python: Text = Field(description="minor version, e.g. 3.11")
-    libraries: dict[str, Text] = Field(
-        default_factory=dict, description="distribution → version; 'none' if not installed"
-    )
-
-    @classmethod
-    def of(cls, software: Provenance) -> Self:
-        """The record of what `avs3d_bench.runtime.provenance.provenance` found."""
-        return cls(
-            digest=software.digest,
-            toolkit_version=__version__,
-            python=software.python,
-            libraries=dict(software.libraries),
-        )
 
 
 class IntrinsicsRecord(Record):
@@ -680,68 +592,6 @@ class ObservationRecord(Record):
                 raise ValueError(f"{frame.name}: audible names {order}; expected some of {names}, in this order")
 
 
-class PoseRecord(Record):
-    """One frame of a sealed test: its time and the pose of the agent's sensor."""
-
-    name: FrameName
-    time: NonNegative = Field(description="seconds from the start; the clip covers [time, time + 1)")
-    position: Vector3 = Field(description="position of the sensor in the world, metres")
-    rotation: Quaternion = Field(description="camera-to-world (w, x, y, z); the camera looks down −Z")
-
-    @property
-    def pose(self) -> Pose:
-        """The sensor's camera-to-world pose."""
-        return Pose(self.position, self.rotation)
-
-
-class PosesRecord(Record):
-    """`poses.json`: what a sealed test publishes of an observation in place of `observation.json`.
-
-    It has nothing that depends on what sounds.
-    """
-
-    left_out: ClassVar[frozenset[str]] = frozenset({"ambisonics", "array"})
-
-    schema_version: Literal["1.0"] = "1.0"
-    key: Text
-    intrinsics: IntrinsicsRecord
-    frames: Annotated[tuple[PoseRecord, ...], Field(min_length=1, max_length=layout.MAX_FRAMES)]
-    ambisonics: AmbisonicsRecord | None = Field(default=None, description="of audio_clips_ambisonics/, if it is there")
-    array: ArrayRecord | None = Field(default=None, description="of audio_clips_array/, if it is there")
-    files: dict[RelativePath, Sha256] = Field(
-        description="sha256 of every published file of the observation beside poses.json"
-    )
-
-    @classmethod
-    def of(cls, record: ObservationRecord, files: dict[str, str]) -> Self:
-        """The part of an observation's record that may be published; ``files``: the published ones → sha256."""
-        return cls(
-            key=record.key,
-            intrinsics=record.intrinsics,
-            frames=tuple(
-                PoseRecord(name=f.name, time=f.time, position=f.position, rotation=f.rotation) for f in record.frames
-            ),
-            ambisonics=record.acoustics.ambisonics,
-            array=record.acoustics.array,
-            files=files,
-        )
-
-    @property
-    def receivers(self) -> dict[str, AmbisonicsRecord | ArrayRecord]:
-        """As `AcousticsRecord.receivers`."""
-        named = {layout.AMBISONICS: self.ambisonics, layout.ARRAY: self.array}
-        return {name: found for name, found in named.items() if found is not None}
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        for position, frame in enumerate(self.frames):
-            if frame.name != layout.frame_name(position):
-                raise ValueError(f"frames[{position}].name is {frame.name}, expected {layout.frame_name(position)}")
-        if any(a.time >= b.time for a, b in zip(self.frames, self.frames[1:], strict=False)):
-            raise ValueError("frame times do not increase")
-        return self
-
-
 class CameraSplits(Record):
     """`camera_splits.json`: file names, without extension, of the train and test frames."""
 
@@ -753,164 +603,3 @@ class CameraSplits(Record):
         """The split of an observation with ``frames`` frames: every eighth of the sorted names is test."""
         train, test = layout.split_names(layout.frame_name(index) for index in range(frames))
         return cls(train=train, test=test)
-
-
-class DatasetEntry(Record):
-    """One observation in `dataset.json`."""
-
-    key: Text
-    category: Category | None = Field(
-        description="null in an observation of part_3 without a source, and in a sealed test"
-    )
-    part: Part
-    scan: Scan
-    room: Room
-    digest: Sha256 = Field(description="sha256 of the observation's observation.json; of poses.json in a sealed test")
-
-    @classmethod
-    def of(cls, record: ObservationRecord, digest: str) -> Self:
-        """The entry of an observation; ``digest`` is the sha256 of its observation.json."""
-        return cls(
-            key=record.key,
-            category=record.category,
-            part=record.part,
-            scan=record.scan,
-            room=record.room,
-            digest=digest,
-        )
-
-
-class DatasetRecord(Record):
-    """`dataset.json`. It has no time stamp, so the same manifest and backends give the same bytes.
-
-    ``digest`` covers all other fields, with the free text. It detects damage, but not an edit after which it was
-    computed again.
-    """
-
-    left_out: ClassVar[frozenset[str]] = frozenset({"digest", "provenance", "categories", "sealed_test"})
-
-    schema_version: Literal["1.0", "1.1"] = Field(
-        default="1.0", description="1.1 with observations of part_3 or categories of the manifest's own, else 1.0"
-    )
-    name: Text
-    version: Text
-    toolkit_version: Text
-    created_by: str | None = None
-    sealed_test: Literal[True] | None = Field(
-        default=None,
-        description="true: a sealed test, whose truth is not published (see seal.json): manifest is empty, and no "
-        "observation has a category; absent otherwise",
-    )
-    manifest: str = Field(description="the text of the manifest, unchanged; empty in a sealed test")
-    manifest_sha256: Sha256 = Field(description="sha256 of the manifest's UTF-8 bytes")
-    backends: dict[str, Text] = Field(description="backend name → version")
-    licence: Text
-    attributions: tuple[AttributionRecord, ...] = ()
-    provenance: ProvenanceRecord | None = Field(default=None, description="software that made the observations")
-    categories: tuple[Category, ...] | None = Field(
-        default=None,
-        description="categories that the manifest adds, in the order of their class ids, which follow the seven of "
-        "the paper; absent if there are none",
-    )
-    observations: tuple[DatasetEntry, ...]
-    digest: Sha256 | None = Field(
-        default=None, description="sha256 of all other fields as canonical JSON; absent in datasets of older versions"
-    )
-
-    def contents_digest(self) -> str:
-        """The sha256 that `digest` should have.
-
-        Canonical JSON: sorted keys, no spaces, ASCII with escapes, without fields that are null.
-        """
-        fields = self.model_dump(mode="json", exclude={"digest"}, exclude_none=True)
-        text = json.dumps(fields, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
-        return hashlib.sha256(text.encode()).hexdigest()
-
-    def sealed(self) -> Self:
-        """This record with its digest."""
-        return self.model_copy(update={"digest": self.contents_digest()})
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if hashlib.sha256(self.manifest.encode()).hexdigest() != self.manifest_sha256:
-            raise ValueError("manifest_sha256 is not the sha256 of manifest")
-        if self.sealed_test and self.manifest:
-            raise ValueError("manifest is given, but the test is sealed: expected an empty text")
-        keys = [entry.key for entry in self.observations]
-        if keys != sorted(set(keys)):
-            raise ValueError("observations are not sorted by key, or a key is listed twice")
-        for entry in self.observations:
-            head = f"{entry.part}/{entry.scan}/{entry.room}/"
-            if not (entry.key.startswith(head) and entry.key[len(head) :].isdigit()):
-                raise ValueError(f"key {entry.key!r} does not fit its part, scan and room: expected {head}<index>")
-            if self.sealed_test and entry.category is not None:
-                raise ValueError(f"{entry.key}: has a category, but the test is sealed: expected null")
-            if entry.category is None and entry.part != PART_3 and not self.sealed_test:
-                raise ValueError(f"{entry.key}: category is missing; only an observation of part_3 may have none")
-        newer = bool(self.categories) or any(entry.part == PART_3 for entry in self.observations)
-        expected = PART_3_VERSION if newer else SCHEMA_VERSION
-        if self.schema_version != expected:
-            raise ValueError(f"schema_version is {self.schema_version}, expected {expected}")
-        return self
-
-
-class SubmissionRecord(Record):
-    """`submission.json`: the method, and the dataset for which the masks were made."""
-
-    left_out: ClassVar[frozenset[str]] = frozenset({"provenance", "truth"})
-
-    method: Text
-    dataset: Text
-    dataset_version: Text
-    url: str | None = None
-    authors: str | tuple[str, ...] | None = None
-    notes: str | None = None
-    runtime: float | str | dict[str, Scalar] | None = None
-    truth: Text | None = Field(
-        default=None,
-        description="the ground truth from which the masks were made, e.g. 'masks of test frames'; absent if none. "
-        "Leaderboards show a submission with this field, but do not rank it",
-    )
-    provenance: ProvenanceRecord | None = Field(
-        default=None, description="software that made the masks; only for the baselines of this toolkit"
-    )
-
-
-_R = TypeVar("_R", bound=Record)
-#: Longest message about a finding (characters); without a limit, a wrong value may be as long as the file.
-_LONGEST_LINE = 1000
-
-
-def describe(error: ValidationError) -> list[str]:
-    """One line per finding of pydantic: ``frames.3.rotation: …``."""
-    lines = []
-    for finding in error.errors(include_url=False):
-        where = ".".join(str(step) for step in finding["loc"])
-        message = finding["msg"].removeprefix("Value error, ")
-        value = repr(finding.get("input"))
-        found = f" (found {value})" if len(value) <= 60 and finding["type"] != "missing" else ""
-        line = printable(f"{where}: {message}{found}" if where else f"{message}")
-        lines.append(line if len(line) <= _LONGEST_LINE else f"{line[:_LONGEST_LINE]}…")
-    return lines
-
-
-def parse_record(text: str | bytes, record: type[_R], where: str | Path, *, strict: bool = False) -> _R:
-    """Parse the JSON ``text`` of the file ``where``.
-
-    With ``strict``, true or a number in quotes is no number.
-
-    Raises:
-        Avs3dError: naming the file, the first wrong field and the number of further errors.
-    """
-    try:
-        return record.model_validate_json(text, strict=strict)
-    except ValidationError as error:
-        first, *rest = describe(error)
-        more = f" (and {len(rest)} more)" if rest else ""
-        raise Avs3dError(f"{where}: {first}{more}; expected a {record.__name__} (see `avs3d schema`)") from None
-
-
-def unique_attributions(attributions: Iterable[AttributionRecord]) -> tuple[AttributionRecord, ...]:
-    """The attributions sorted by asset, without repetitions."""
-    found = {(a.asset, a.name, a.author, a.source): a for a in attributions}
-    return tuple(found[key] for key in sorted(found))
