@@ -100,6 +100,7 @@ class GenerateOptions(EngineOptions):
             samples and ``shards.json``: see `avs3d_bench.exports.observation_tar`.
         remake: shell patterns of the keys of observations that are regenerated even if they are there, from whatever
             manifest or version. Each stays until the new one is whole.
+        progress: of `generate`: show a bar on stderr, and a line per finished observation.
     """
 
     only: Sequence[str] = ()
@@ -112,6 +113,7 @@ class GenerateOptions(EngineOptions):
     array: str | Path | None = None
     format: Form = "folders"
     remake: Sequence[str] = ()
+    progress: bool = False
 
     def engine_options(self, audio: str) -> EngineOptions:
         """The part that plans carry, with the receivers read and checked.

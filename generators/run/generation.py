@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Concatenate, ParamSpec
 
 from avs3d_bench.errors import UsageError, excerpt
 from avs3d_bench.runtime.one_thread import ONE_THREAD
@@ -24,10 +24,29 @@ from generators.plan import ObservationPlan, make_plans
 from generators.run.progress import reporting
 from generators.run.runner import Outcome, RunSettings, default_limit, run
 
+_Options = ParamSpec("_Options")
+_Generate = Callable[Concatenate[ManifestFile | str | Path, str | Path, _Options], Outcome]
 
-def generate(
-    manifest: ManifestFile | str | Path, root: str | Path, *, progress: bool = False, **options: Any
-) -> Outcome:
+
+def _taking(record: Callable[_Options, GenerateOptions]) -> Callable[[Callable[..., Outcome]], _Generate[_Options]]:
+    """Give a function the fields of a record as arguments, for `help`, completion and type checkers.
+
+    Args:
+        record: the record that the function makes of ``**options``.
+    """
+
+    def decorate(function: Callable[..., Outcome]) -> _Generate[_Options]:
+        shown = list(inspect.signature(function).parameters.values())[:-1]
+        shown += inspect.signature(record).parameters.values()
+        signature = inspect.signature(function).replace(parameters=shown)
+        function.__signature__ = signature  # type: ignore[attr-defined]
+        return function
+
+    return decorate
+
+
+@_taking(GenerateOptions)
+def generate(manifest: ManifestFile | str | Path, root: str | Path, **options: Any) -> Outcome:
     """Generate the dataset that a manifest describes into a folder, as `avs3d generate` does.
 
     The same manifest and the same versions give the same bytes, whatever the number of workers. After an interruption
@@ -36,7 +55,6 @@ def generate(
     Args:
         manifest: the manifest's file, or what `read_manifest` returns.
         root: the dataset's folder; made if missing.
-        progress: show a bar on stderr, and a line per finished observation.
         options: see the attributes of `GenerateOptions`.
 
     Returns:
@@ -63,17 +81,7 @@ def generate(
         check_path("manifest", manifest)
     chosen = GenerateOptions(**options)
     source = manifest if isinstance(manifest, ManifestFile) else read_manifest(Path(manifest))
-    return generate_plans(source, make_plans(source, chosen), Path(root), chosen, progress=progress)
-
-
-def _with_options(function: Callable[..., Outcome]) -> None:
-    """Show each option in the signature of ``function``, in place of ``**options``."""
-    shown = list(inspect.signature(function).parameters.values())[:-1]
-    shown += inspect.signature(GenerateOptions).parameters.values()
-    function.__signature__ = inspect.signature(function).replace(parameters=shown)  # type: ignore[attr-defined]
-
-
-_with_options(generate)
+    return generate_plans(source, make_plans(source, chosen), Path(root), chosen, progress=chosen.progress)
 
 
 def generate_plans(

@@ -510,7 +510,7 @@ def test_jobs_that_never_bring_a_worker_end_the_run(queue: Path, tmp_path: Path)
     ("modules", "arguments", "words"),
     [
         (["distributed", "dask"], [], ["pip install 'avs3d-bench[cluster]'"]),
-        (["dask_jobqueue"], ["--jobqueue", "slurm"], ["dask-jobqueue", "pip install 'avs3d-bench[cluster]'"]),
+        (["dask_jobqueue"], ["--jobqueue", "slurm"], ["dask_jobqueue", "pip install 'avs3d-bench[cluster]'"]),
         (["dask_kubernetes"], ["--jobqueue", "kubernetes"], ["pip install dask-kubernetes"]),
     ],
 )

@@ -98,9 +98,8 @@ def test_broadband_level_is_steady_within_two_tenths_of_a_decibel():
 
 
 DIGEST = """
-import hashlib, sys
-sys.path.insert(0, "tests")
-from acoustic_rooms import box_scene
+import hashlib
+from tests.support.acoustic_rooms import box_scene
 from avs3d_bench.geometry import Pose
 from generators.acoustics.soundspaces import RaySettings, SoundSpacesBackend
 session = SoundSpacesBackend(RaySettings(reflections=5000, min_rays=100)).open(
