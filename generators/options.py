@@ -37,7 +37,7 @@ class EngineOptions:
     """Options of whoever computes pictures and sound; every plan carries them, and its digest covers them.
 
     To add an option: its field here (with a default that changes nothing), its line in `generators.cli`, its use,
-    ``plan.options.NAME``. See docs/extending.md.
+    ``plan.options.NAME``. See docs/extending-generator.md.
 
     Attributes:
         vision: renderer; None: that of the device, embree or cuda. habitat needs ``$AVS3D_HABITAT_PYTHON``.

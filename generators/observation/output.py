@@ -209,3 +209,37 @@ def shared_files(digests: Mapping[str, str]) -> dict[str, str]:
     """Those of an observation's files that have the same bytes in all siblings, with their sha256."""
     shared = tuple(f"{folder}/" for folder in layout.SIBLING_FOLDERS)
     return {name: digest for name, digest in digests.items() if name.startswith(shared)}
+
+
+class MemoryOutput:
+    """The part of an output that keeps the files of an observation in memory until it is whole."""
+
+    def __init__(self) -> None:
+        self._files: dict[str, bytes] = {}
+
+    def open(self) -> None:
+        """Nothing is written yet."""
+
+    def close(self) -> None:
+        """Forget the files."""
+        self._files.clear()
+
+    def put(self, name: str, data: bytes) -> None:
+        """Keep the bytes."""
+        self._files[name] = data
+
+    def get(self, name: str) -> bytes:
+        """The bytes."""
+        return self._files[name]
+
+    def repeat(self, name: str, copy: str) -> None:
+        """Keep the same bytes twice."""
+        self._files[copy] = self._files[name]
+
+    def size(self, name: str) -> int:
+        """Their number."""
+        return len(self._files[name])
+
+    def digest(self, name: str) -> str:
+        """sha256 of the bytes."""
+        return files.sha256_bytes(self._files[name])

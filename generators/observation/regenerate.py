@@ -27,6 +27,7 @@ from generators.backends import observation_provenance, vision_backend
 from generators.core.folders import default_cache
 from generators.manifest.reading import ManifestFile, read_manifest
 from generators.observation.generate import generate_observation
+from generators.observation.output import MemoryOutput
 from generators.options import Audio, Extra, GenerateOptions, Vision
 from generators.plan import ObservationPlan, make_plans
 
@@ -219,7 +220,7 @@ def _compare(plan: ObservationPlan, observation: Observation, indices: tuple[int
         yield Problem("error", f"{observation.key}/{name}", text)
 
 
-class ComparingOutput:
+class ComparingOutput(MemoryOutput):
     """An output that keeps the files of some frames in memory and compares them with those of a finished observation.
 
     Args:
@@ -234,17 +235,10 @@ class ComparingOutput:
     record: ObservationRecord
 
     def __init__(self, folder: Path, indices: Collection[int]) -> None:
+        super().__init__()
         self._folder = folder
         self._chosen = {name for index in indices for name in (layout.frame_name(index), layout.audio_name(index))}
-        self._files: dict[str, bytes] = {}
         self.differences: dict[str, str] = {}
-
-    def open(self) -> None:
-        """Nothing is written."""
-
-    def close(self) -> None:
-        """Forget the files."""
-        self._files.clear()
 
     def keeps(self, name: str) -> bool:
         """Files of the chosen frames, and the mesh; what follows from all frames is not made."""
@@ -254,29 +248,9 @@ class ComparingOutput:
         """The file of the finished observation."""
         return self._folder / name
 
-    def put(self, name: str, data: bytes) -> None:
-        """Keep the bytes; `finish` compares them."""
-        self._files[name] = data
-
-    def get(self, name: str) -> bytes:
-        """The bytes."""
-        return self._files[name]
-
-    def repeat(self, name: str, copy: str) -> None:
-        """Keep the same bytes twice."""
-        self._files[copy] = self._files[name]
-
     def share(self, sibling: Path) -> dict[str, str]:
         """Nothing is taken over: everything is made."""
         return {}
-
-    def size(self, name: str) -> int:
-        """Their number."""
-        return len(self._files[name])
-
-    def digest(self, name: str) -> str:
-        """sha256 of the bytes."""
-        return files.sha256_bytes(self._files[name])
 
     def finish(self, record: ObservationRecord) -> None:
         """Compare the files."""

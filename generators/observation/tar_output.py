@@ -11,7 +11,7 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.exports import observation_tar
 from avs3d_bench.formats import files
 from avs3d_bench.runtime.provenance import provenance
-from generators.observation.output import hidden_name, remove, shared_files
+from generators.observation.output import MemoryOutput, hidden_name, remove, shared_files
 
 
 def tar_plan_digest(plan: str) -> str:
@@ -23,7 +23,7 @@ def tar_plan_digest(plan: str) -> str:
     return files.sha256_bytes(f"{plan} {provenance('tar').digest}".encode())
 
 
-class TarOutput:
+class TarOutput(MemoryOutput):
     """An observation as a shard of train and one of test frames: its files are in memory until it is whole.
 
     The shards hold what training needs: see `avs3d_bench.exports.observation_tar`. An observation costs a shared file
@@ -36,16 +36,9 @@ class TarOutput:
     """
 
     def __init__(self, root: Path, numbers: Mapping[str, int], key: str) -> None:
+        super().__init__()
         self._root, self._numbers = root, numbers
         self._final = observation_tar.observation_shards(root, numbers[key])
-        self._files: dict[str, bytes] = {}
-
-    def open(self) -> None:
-        """Nothing is written before `finish`."""
-
-    def close(self) -> None:
-        """Forget the files."""
-        self._files.clear()
 
     def keeps(self, name: str) -> bool:
         """Files that become members of samples."""
@@ -54,18 +47,6 @@ class TarOutput:
     def where(self, name: str) -> Path:
         """A path below the test shard, for messages."""
         return self._final["test"] / name
-
-    def put(self, name: str, data: bytes) -> None:
-        """Keep the bytes."""
-        self._files[name] = data
-
-    def get(self, name: str) -> bytes:
-        """The bytes."""
-        return self._files[name]
-
-    def repeat(self, name: str, copy: str) -> None:
-        """Keep the same bytes twice."""
-        self._files[copy] = self._files[name]
 
     def share(self, sibling: Path) -> dict[str, str]:
         """Read the members that siblings share from the finished shards."""
@@ -77,14 +58,6 @@ class TarOutput:
             found = observation_tar.read_tar(paths[split]).files
             self._files |= {name: found[name] for name in shared.keys() & found.keys()}
         return shared
-
-    def size(self, name: str) -> int:
-        """Their number."""
-        return len(self._files[name])
-
-    def digest(self, name: str) -> str:
-        """sha256 of the bytes."""
-        return files.sha256_bytes(self._files[name])
 
     def finish(self, record: ObservationRecord) -> None:
         """Write the shards under temporary names and rename them, the test shard last: see `observation_tar.SPLITS`."""
