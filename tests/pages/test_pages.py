@@ -36,7 +36,7 @@ SHOWN = ("text", "yaml", "diff")
 DRAWN = ("masks", "scenes", "figures", "voxels", "values", "methods")
 DRAWN_ON = ("metrics.md", "protocol-official.md", "protocol-strict.md", "protocol-listen.md", "comparing.md")
 #: Pages of worked examples, which test_extending.py runs.
-WORKED = ("extending.md", "own-objects.md")
+WORKED = ("extending.md", "extending-generator.md", "own-objects.md")
 BLOCKS = [block for page in PAGES for block in blocks(page)]
 #: Blocks that are run here.
 CODE = [block for block in BLOCKS if block.language in RUN and block.page.name not in WORKED]
