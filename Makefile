@@ -147,6 +147,9 @@ listener: setup ## make the training data, train the listener, make the test set
 	$(if $(filter cuda,$(DEVICE)),$(PIP) $(PINNED) -e '.[cuda]')
 	@$(MAKE) --no-print-directory -f benchmarks/listener.mk -j 2 AVS3D=$(BIN)/avs3d PYTHON=$(BIN)/python WORKERS=$(WORKERS) DEVICE=$(DEVICE)
 
+# Each module is compiled once, not by each of the hundreds of programs that tests start, whatever the shell says.
+test test-slow: export PYTHONDONTWRITEBYTECODE =
+
 test: setup ## run the fast tests, before each commit
 	$(PYTEST) -m "not slow"
 

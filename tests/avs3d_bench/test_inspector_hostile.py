@@ -386,6 +386,7 @@ STUCK = (
 )
 
 
+@pytest.mark.slow
 @posix
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 0), (signal.SIGTERM, 143)])
 def test_a_signal_ends_it_whatever_its_connections_do(
@@ -456,6 +457,7 @@ def test_what_is_kept_comes_back_and_a_full_disk_only_keeps_nothing(monkeypatch:
 # ---- films and scenes ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @posix
 @pytest.mark.parametrize("spoil", [fifo, empty])
 @pytest.mark.parametrize(

@@ -38,7 +38,6 @@ class Case:
         words: the call; ``OUT`` is the output, names of the inputs stand for their paths.
         takes: of a folder, names of files in it that the command would like to write; () if the first call tells.
         reruns: whether the same call works again, and replaces what the first one wrote.
-        slow: whether a call that succeeds takes long.
         alone: whether no call succeeds here: the command lacks a network.
         suffix: of a file.
         beside: name of the input beside or in which the output has to lie.
@@ -47,7 +46,6 @@ class Case:
     words: str
     takes: tuple[str, ...] = ()
     reruns: bool = True
-    slow: bool = False
     alone: bool = False
     suffix: str = ".json"
     beside: str = ""
@@ -58,7 +56,7 @@ _BASELINE = "--dataset data -o OUT --only part_1/*"
 OUTPUTS = {
     ("validate", "json_file"): Case("validate data --json OUT"),
     ("list", "json_file"): Case("list data --json OUT"),
-    ("doctor", "json_file"): Case("doctor --json OUT", slow=True),
+    ("doctor", "json_file"): Case("doctor --json OUT"),
     ("schema", "folder"): Case("schema -o OUT"),
     ("eval", "json_file"): Case("eval sub --dataset data --workers 1 --json OUT"),
     ("eval", "html_file"): Case("eval sub --dataset data --workers 1 --html OUT", suffix=".html"),
@@ -70,17 +68,17 @@ OUTPUTS = {
     ("factors", "csv_file"): Case("factors frames.csv --csv OUT", suffix=".csv"),
     ("leaderboard", "folder"): Case("leaderboard scores.json black.json -o OUT"),
     ("tables", "folder"): Case(
-        "tables scores.json -o OUT", slow=True, takes=("table2.md", "table2.csv", "table2.png", "table2.svg")
+        "tables scores.json -o OUT", takes=("table2.md", "table2.csv", "table2.png", "table2.svg")
     ),
     ("sweep-curve", "folder"): Case("sweep-curve swept.json -o OUT"),
     ("view", "folder"): Case(
-        "view data -o OUT --only part_1/* --workers 1", slow=True,
+        "view data -o OUT --only part_1/* --workers 1",
         takes=("index.html", "avs3d-view.json", "assets/style.css", f"{tiny.SINGLE}/index.html", "thesis.tex"),
     ),
     ("video", "path"): Case(f"video {tiny.SINGLE} --dataset data -o OUT --size 128", suffix=".mp4"),
-    ("view-3d", "path"): Case(f"view-3d {tiny.SINGLE} --dataset data --save OUT", suffix=".html", slow=True),
+    ("view-3d", "path"): Case(f"view-3d {tiny.SINGLE} --dataset data --save OUT", suffix=".html"),
     ("contact-sheet", "output"): Case(
-        "contact-sheet data -o OUT --only part_1/* --frames 2", slow=True, takes=("part_1_tiny_kitchen_1.png",)
+        "contact-sheet data -o OUT --only part_1/* --frames 2", takes=("part_1_tiny_kitchen_1.png",)
     ),
     ("export webdataset", "folder"): Case("export webdataset data -o OUT --workers 1"),
     ("export huggingface", "folder"): Case("export huggingface data -o OUT --workers 1"),
@@ -94,7 +92,7 @@ OUTPUTS = {
         "sweep manifest.yaml --over acoustics.absorption_scale=0.5,2 -o OUT", suffix=".yaml", beside="."
     ),
     ("generate", "root"): Case(
-        "generate manifest.yaml -o OUT --audio analytic --workers 1", slow=True,
+        "generate manifest.yaml -o OUT --audio analytic --workers 1",
         takes=("thesis.tex", "dataset.json", "failures.jsonl"),
     ),
     ("seal", "folder"): Case("seal manifest.yaml -o OUT", takes=("public/a", "private/b", "secret"), alone=True),
@@ -236,6 +234,7 @@ def checked(places: list[Path], case: Case, place: Path, top: Path) -> None:
         assert not after.keys() - before.keys(), f"{case.words} with {out} left something"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", cases(folder=False))
 def test_a_file_takes_the_place_of_nothing_else(case: Case, place: Path, tmp_path: Path) -> None:
     outside = tmp_path / "out"
@@ -257,6 +256,7 @@ def test_a_file_takes_the_place_of_nothing_else(case: Case, place: Path, tmp_pat
     checked([*targets, *outside.iterdir()], case, place, tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", cases(folder=True))
 def test_a_folder_of_somebody_else_keeps_its_files(case: Case, place: Path, tmp_path: Path) -> None:
     takes = case.takes
@@ -285,10 +285,10 @@ def test_a_folder_takes_the_place_of_no_input(case: Case, place: Path, tmp_path:
     checked(targets, case, place, tmp_path)
 
 
-@pytest.mark.parametrize("case", [
-    pytest.param(case, id=" ".join(name), marks=[pytest.mark.slow] if case.slow else [])
-    for name, case in OUTPUTS.items() if not case.alone
-])  # fmt: skip
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, id=" ".join(name)) for name, case in OUTPUTS.items() if not case.alone]
+)
 def test_what_the_command_wrote_it_replaces(case: Case, place: Path, tmp_path: Path) -> None:
     out = (place / case.beside if case.beside else tmp_path) / f"new{case.suffix}"
     assert call(case, place, out) == 0

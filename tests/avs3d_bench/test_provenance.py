@@ -392,6 +392,7 @@ def test_damage_is_found_by_existence_size_and_kind(made: tuple[Path, Path], tmp
     assert find_damage(folder, record) == f"{name} is no regular file"
 
 
+@pytest.mark.slow
 def test_files_say_which_software_made_them(made: tuple[Path, Path], tmp_path: Path) -> None:
     dataset = Dataset(made[1])
     assert dataset.record is not None
@@ -411,6 +412,7 @@ def test_files_say_which_software_made_them(made: tuple[Path, Path], tmp_path: P
         assert f"<code>{record.digest[:12]}</code>" in page
 
 
+@pytest.mark.slow
 def test_files_without_provenance_are_read_and_keep_their_bytes(made: tuple[Path, Path]) -> None:
     dataset = Dataset(made[1])
     assert dataset.record is not None

@@ -134,6 +134,7 @@ def test_a_crash_in_a_library_leaves_its_stack(child: Supervised) -> None:
     assert "exit code 7" in attempt(child, work.leave, 7).message
 
 
+@pytest.mark.slow
 def test_a_hang_ends_at_the_limit_and_says_where_it_hung(child: Supervised, tmp_path: Path) -> None:
     attempt(child, work.pid)
     hung, start = child.pid, time.monotonic()

@@ -82,6 +82,7 @@ def scenes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {name: tampering_scenes.write_scenes(folder / f"data{name}", **more) for name, more in options.items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("needs", ["", "stems", "rirs"])
 def test_the_part_3_are_valid(scenes: dict[str, Path], needs: str):
     assert validate(scenes[needs], deep=True).problems == ()

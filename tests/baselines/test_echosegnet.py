@@ -195,6 +195,7 @@ def test_a_camera_of_sparse_that_fits_input_is_used_as_it_is(tmp_path: Path):
     assert input_views(views) == views
 
 
+@pytest.mark.slow
 def test_rule_the_choice_is_made_before_the_decomposition_and_the_map_is_of_all_gaussians(
     data: Path, tmp_path: Path, work: Path, monkeypatch: pytest.MonkeyPatch
 ):
@@ -243,6 +244,7 @@ def test_rule_the_mask_is_alpha_above_0_8_of_the_chosen_alone(data: Path):
     assert drawn == [3]
 
 
+@pytest.mark.slow
 def test_what_is_missing_is_said_in_one_line(data: Path, tmp_path: Path, work: Path):
     source = OracleMasks("sounding")
     broken = tiny.clone(data, tmp_path / "no-sparse")

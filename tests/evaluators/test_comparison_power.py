@@ -44,6 +44,7 @@ def test_methods_of_a_world_have_one_mean(world: str) -> None:
     assert means == pytest.approx(np.full(3, means.mean()), abs=0.003)
 
 
+@pytest.mark.slow
 def test_a_smaller_simulation_finds_the_recorded_errors() -> None:
     found = type_1("IoU", 20, 2000, seed=1)
     assert 0.03 <= found["two methods"]["share"] <= limit(2000)

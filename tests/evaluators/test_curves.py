@@ -190,6 +190,7 @@ def scored(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Any, Seq
     return found
 
 
+@pytest.mark.slow
 def test_by_room_and_category_the_figures_are_those_of_the_file_of_scores(scored: Any):
     scores, rows = scored["objects"]
     for name, groups in (("room", scores.rooms), ("category", scores.categories)):
@@ -349,6 +350,7 @@ def test_the_page_in_a_browser(page: Path):
                 assert [one.is_visible() for one in hidden] == [False, True]
 
 
+@pytest.mark.slow
 def test_the_report_shows_factors_and_may_be_published(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     root = tiny.write_dataset(tmp_path / "data", frames=17)
     report = tmp_path / "report.html"

@@ -623,6 +623,7 @@ def test_help_answers_in_half_a_second():
     assert 0 < min(seconds) <= 0.5
 
 
+@pytest.mark.slow
 def test_objects_out_of_sight_are_a_warning(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """Eight frames have one test frame, in which the object of one of the two observations is not to be seen."""
     root = tiny.write_dataset(tmp_path / "eight", frames=8, size=32)

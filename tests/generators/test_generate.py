@@ -73,6 +73,7 @@ def test_masks_are_the_visible_pixels_of_the_sounding_instance(root: Path) -> No
             assert mask.sum() == info.visible_pixels
 
 
+@pytest.mark.slow
 def test_projected_surface_points_fall_inside_the_mask_where_depth_says_they_are_visible(root: Path) -> None:
     inside = hits = own_pixels = foreign_pixels = 0
     for observation in Dataset(root):
@@ -109,6 +110,7 @@ def test_projected_surface_points_fall_inside_the_mask_where_depth_says_they_are
     assert foreign_pixels == 0
 
 
+@pytest.mark.slow
 def test_pycolmap_reads_the_model_and_its_points_reproject(root: Path) -> None:
     for observation in Dataset(root):
         model = pycolmap.Reconstruction(str(observation.path / "sparse/0"))
@@ -128,6 +130,7 @@ def test_pycolmap_reads_the_model_and_its_points_reproject(root: Path) -> None:
         assert heights.max() > centres[:, 1].max() + 0.5
 
 
+@pytest.mark.slow
 def test_the_sounds_are_where_and_as_long_as_the_official_tools_expect(root: Path) -> None:
     for observation in Dataset(root):
         for index in range(len(observation.frames)):
@@ -139,6 +142,7 @@ def test_the_sounds_are_where_and_as_long_as_the_official_tools_expect(root: Pat
         assert split["test"] == ["frame_000", "frame_008"]
 
 
+@pytest.mark.slow
 def test_directions_agree_with_the_poses_and_the_ears(root: Path) -> None:
     for observation in Dataset(root):
         record = observation.record

@@ -205,6 +205,7 @@ def test_what_is_shown_in_place_of_a_lamp_ignores_light_and_exposure(tmp_path: P
 # --- charts ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(st.integers(1, 40), st.sampled_from([0.004, 0.011, 0.05]), st.integers(0, 1 << 16))
 def test_no_chart_takes_colour_from_its_neighbours(count: int, texel: float, seed: int) -> None:

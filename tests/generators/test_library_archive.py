@@ -105,6 +105,7 @@ def test_damage_encryption_doubles_and_emptiness_are_named(tmp_path: Path) -> No
     assert "encrypted" in refused(tmp_path / "l.zip", tmp_path)
 
 
+@pytest.mark.slow
 @given(
     st.dictionaries(
         st.from_regex(r"[a-z]{1,8}(/[a-z]{1,8})?\.[a-z]{3}", fullmatch=True), st.binary(max_size=50), min_size=1

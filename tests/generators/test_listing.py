@@ -53,6 +53,7 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Store:
     return Store(tmp_path_factory.mktemp("store"))
 
 
+@pytest.mark.slow
 def test_a_page_shows_objects_and_sounds(store: Store, tmp_path: Path) -> None:
     page = write_listing([tone(store), box(store)], store, tmp_path / "out")
     html = page.read_text()

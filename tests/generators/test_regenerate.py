@@ -103,6 +103,7 @@ def test_a_missing_file_is_named(root: Path, manifest: Path, tmp_path: Path):
     assert [(p.path, p.message) for p in found] == [(f"{KEY}/depth/frame_002.png", "missing; expected a file")]
 
 
+@pytest.mark.slow
 def test_frames_are_chosen_by_the_seed(root: Path):
     assert choose_frames(root, 3, seed=1) == choose_frames(root, 3, seed=1)
     assert len({json.dumps(choose_frames(root, 3, seed=seed)) for seed in range(8)}) > 1
@@ -116,6 +117,7 @@ def _why(target: Path, manifest: Path | None) -> str:
     return str(error.value)
 
 
+@pytest.mark.slow
 def test_other_software_is_the_only_cause_that_is_named(root: Path, manifest: Path, monkeypatch: pytest.MonkeyPatch):
     installed = backends.backend_versions
     monkeypatch.setattr(backends, "backend_versions", lambda *names: {**installed(*names), "embree": "1.2.3"})
@@ -126,6 +128,7 @@ def test_other_software_is_the_only_cause_that_is_named(root: Path, manifest: Pa
     assert "files" not in text
 
 
+@pytest.mark.slow
 def test_other_files_are_the_only_cause_that_is_named(root: Path, manifest: Path, tmp_path: Path):
     for name in ("tiny.yaml", "room.glb"):
         (tmp_path / name).write_bytes((manifest.parent / name).read_bytes())
@@ -136,6 +139,7 @@ def test_other_files_are_the_only_cause_that_is_named(root: Path, manifest: Path
     assert "software" not in text
 
 
+@pytest.mark.slow
 def test_another_manifest_is_the_only_cause_that_is_named(root: Path, tmp_path: Path):
     target = tiny.clone(root, tmp_path / "data")
     tree = Tree(target, KEY)
@@ -147,6 +151,7 @@ def test_another_manifest_is_the_only_cause_that_is_named(root: Path, tmp_path: 
     assert "software" not in said
 
 
+@pytest.mark.slow
 def test_a_manifest_that_names_files_is_asked_for(root: Path, manifest: Path, tmp_path: Path):
     with pytest.raises(UsageError, match="--manifest"):
         regenerate(root, 1, seed=1)

@@ -275,6 +275,7 @@ def test_takes_of_their_own_say_nothing(rooms: Path) -> None:
     assert [(v.attack, v.direction, v.right) for v in verdicts if v.p < 0.01] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TAKE_PLANTS)
 def test_a_shared_take_is_found(name: str, rooms: Path, tmp_path: Path) -> None:
 

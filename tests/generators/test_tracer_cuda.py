@@ -202,6 +202,7 @@ def test_the_kernels_make_the_responses_of_the_cpu():
     assert max(errors.values()) < 2e-6, errors
 
 
+@pytest.mark.slow
 def test_too_little_memory_makes_batches_smaller_and_then_is_one_line(monkeypatch):
     from generators.acoustics.tracer import early
 
@@ -213,6 +214,7 @@ def test_too_little_memory_makes_batches_smaller_and_then_is_one_line(monkeypatc
     assert said == "CUDA: too little device memory for arrivals"
 
 
+@pytest.mark.slow
 def test_a_batch_of_responses_keeps_to_the_memory_of_a_process():
     # What did not fit once is not tried again; a single response is always tried.
     assert simulated(simulated_batches) == [[10], [4, 4, 2], [4, 2, 2, 2, 2, 2], [2] * 5, [1] * 10]

@@ -66,6 +66,7 @@ def test_a_box_of_mirrors_has_the_energy_of_its_image_sources():
         assert decibels(energy.sum() / each.sum()) == pytest.approx(0, abs=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [0, 1, 2, 3])
 def test_the_energy_does_not_depend_on_how_many_orders_are_image_sources(order):
     found = whole(box(0.3, 0.2), LISTENERS, 20_000, early_order=order)
@@ -134,6 +135,7 @@ def test_a_closed_room_never_gains():
         assert np.all(np.diff(flow) < 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("absorption", [0.05, 0.1, 0.2, 0.4])
 def test_steady_level_is_that_of_the_diffuse_field(absorption):
     """Mean over the room: 16π·(1 − α)/(S·α) beside the direct sound (Kuttruff, *Room Acoustics*, eq. 5.44)."""
@@ -193,6 +195,7 @@ def furnished():
     return box_scene(SIZE, label=label((0.1, 0.15, 0.2, 0.25, 0.3, 0.35), (0.05, 0.1, 0.1, 0.2, 0.3, 0.4)), extra=extra)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("listener", [(1.5, 1.6, 2.6), (4.2, 2.1, 1.2)])
 def test_source_and_listener_may_change_places(listener):
     """Reciprocity, with and without line of sight, in every octave."""
@@ -237,6 +240,7 @@ def test_late_sound_comes_from_everywhere_with_either_sign():
         assert np.all(np.sign(arrivals.pressure[late]) == np.sign(arrivals.pressure[late, :1]))
 
 
+@pytest.mark.slow
 def test_the_late_field_has_the_coherence_of_a_diffuse_field():
     """Two microphones d apart: sin(kd)/(kd) along every axis (Cook et al., JASA 27 (1955) 1072–1077)."""
     listeners = np.random.default_rng(0).uniform(0.6, np.array(SIZE) - 0.6, (16, 3))

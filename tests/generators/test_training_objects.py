@@ -163,6 +163,7 @@ def test_the_front_faces_plus_z(family: list[Model]) -> None:
         assert seen[0] > seen[1], model.name
 
 
+@pytest.mark.slow
 def test_no_model_is_one_of_the_benchmark(models: dict[tuple[str, str], list[Model]]) -> None:
     for category in CATEGORIES + DISTRACTORS:
         theirs = [
