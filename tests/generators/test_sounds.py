@@ -16,7 +16,7 @@ from generators.assets.sounds import (
     loop,
     synthesise,
 )
-from generators.assets.synthesis.loudness import integrated_loudness, k_weighting, limit, true_peak_envelope
+from generators.assets.sounds.loudness import integrated_loudness, k_weighting, limit, true_peak_envelope
 
 SR = 44_100
 SECONDS = 26

@@ -15,6 +15,10 @@ from scipy.signal import fftconvolve, resample_poly, sosfilt
 
 Array = NDArray[np.float64]
 
+#: Loudness of every source (LUFS).
+TARGET_LUFS = -18.0
+#: Largest true peak of a source (dBTP).
+CEILING_DB = -1.0
 #: Gating block and hop (75 % overlap), BS.1770-4 annex 1.
 _BLOCK, _OVERLAP = 0.4, 4
 _ABSOLUTE_GATE, _RELATIVE_GATE = -70.0, -10.0

@@ -1,60 +1,23 @@
-"""Mono source signals, synthesised per category or from a recording, at a common loudness.
-
-All sources have the same integrated loudness (ITU-R BS.1770-4) and a limited true peak, so that no category is louder
-than another and, with the clips' fixed gain, none clips.
-"""
+"""Recordings as sources: read, mixed to mono, resampled, looped, brought to the common loudness."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import soundfile
-from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.signal import resample_poly
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
-from avs3d_bench.contract.taxonomy import check_category
 from avs3d_bench.errors import Avs3dError
-from generators.assets.synthesis.loudness import integrated_loudness, normalised
-from generators.assets.synthesis.voices import speak
+from generators.assets.sounds.loudness import CEILING_DB, TARGET_LUFS, integrated_loudness, normalised
 
-#: Loudness of every source (LUFS).
-TARGET_LUFS = -18.0
-#: Largest true peak of a source (dBTP).
-CEILING_DB = -1.0
-#: Least level of every second of a source (dBFS, RMS).
-SECOND_FLOOR_DB = -45.0
 #: Least length of a recording, and longest cross-fade of its loop (s).
 _SHORTEST = 0.5
 _CROSS_FADE = 0.5
 #: A recording below this loudness counts as silent (LUFS).
 _SILENCE = -60.0
-
-
-def synthesise(category: str, seconds: float, rng: Generator) -> NDArray[np.float32]:
-    """A source of ``category`` whose variant is drawn from ``rng``.
-
-    Args:
-        category: one of the seven.
-        seconds: length, at least 1.
-        rng: the only source of randomness.
-
-    Returns:
-        (seconds · 44100,) float32 mono at `TARGET_LUFS`, true peak below `CEILING_DB`; every second of it above
-        `SECOND_FLOOR_DB`.
-
-    Raises:
-        UsageError: for an unknown category.
-        Avs3dError: for a length below one second or above an hour.
-    """
-    check_category(category)
-    if not 1.0 <= seconds <= 3600.0:
-        raise Avs3dError(f"sound of {category}: length {seconds} s, expected 1 to 3600 s")
-    raw = speak(category, round(seconds * SAMPLE_RATE), rng)
-    return normalised(raw, SAMPLE_RATE, TARGET_LUFS, CEILING_DB)
 
 
 def load_sound(
@@ -107,52 +70,6 @@ def recorded_seconds(path: Path | str) -> float:
     except (soundfile.SoundFileError, RuntimeError, OSError) as error:
         raise _unreadable(file, error) from error
     return float(found.frames / found.samplerate)
-
-
-def stretches(lengths: Sequence[float], seconds: float, count: int, rng: Generator) -> list[tuple[int, float]]:
-    """Where each of several takes begins, so that no two have a sample in common if the recordings reach for that.
-
-    Each recording is divided into stretches, which are dealt in random order. If they are too few, the takes are spread
-    over all recordings, as far apart in each as its length allows: takes of one recording overlap then.
-
-    Args:
-        lengths: of the recordings (s).
-        seconds: length of a take.
-        count: number of takes.
-        rng: the only source of randomness.
-
-    Returns:
-        For each take the number of its recording, and its begin as a share of that recording, in [0, 1).
-
-    Examples:
-        >>> found = stretches([31.0, 10.0], 10.0, 4, np.random.default_rng(0))
-        >>> sorted((number, int(start * [31, 10][number]) // 10) for number, start in found)
-        [(0, 0), (0, 1), (0, 2), (1, 0)]
-    """
-    offsets = rng.random(len(lengths))
-    order = rng.permutation(len(lengths))
-    if enough(lengths, seconds, count):
-        slots = []
-        for number, length in enumerate(lengths):
-            whole = int(length / seconds)
-            spare = float(offsets[number]) * (length - whole * seconds)
-            slots += [(number, (spare + place * seconds) / length) for place in range(whole)]
-        return [slots[int(chosen)] for chosen in rng.permutation(len(slots))[:count]]
-    owners = [int(order[take % len(lengths)]) for take in range(count)]
-    shares = [owners.count(number) for number in range(len(lengths))]
-    dealt = [(number, place) for number in range(len(lengths)) for place in range(shares[number])]
-    dealt = [dealt[int(chosen)] for chosen in rng.permutation(count)]
-    return [(number, float((offsets[number] + place / shares[number]) % 1.0)) for number, place in dealt]
-
-
-def enough(lengths: Sequence[float], seconds: float, count: int) -> bool:
-    """Whether recordings of these lengths (s) have ``count`` stretches without a common sample."""
-    return stretches_in(lengths, seconds) >= count
-
-
-def stretches_in(lengths: Sequence[float], seconds: float) -> int:
-    """Number of stretches without a common sample that recordings of these lengths (s) have."""
-    return sum(int(length / seconds) for length in lengths)
 
 
 def loop(signal: NDArray[np.float64], count: int, fade: int) -> NDArray[np.float64]:

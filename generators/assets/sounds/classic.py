@@ -18,7 +18,7 @@ from numpy.random import Generator
 from scipy.signal import fftconvolve
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
-from generators.assets.synthesis.signals import (
+from generators.assets.sounds.signals import (
     Array,
     add_at,
     band_noise,

@@ -1,0 +1,1 @@
+"""The synthesised voices: one module per category, each with a tuple ``VOICES``."""

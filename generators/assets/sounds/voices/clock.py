@@ -1,0 +1,5 @@
+"""The voices of clocks."""
+
+from generators.assets.sounds.voice import Voice
+
+VOICES: tuple[Voice, ...] = ()
