@@ -14,8 +14,9 @@ from avs3d_bench.contract.layout import FRAME_RATE
 from avs3d_bench.contract.schema import AUDIBLE_LEVEL_DB, ObservationRecord
 from avs3d_bench.dataset import Observation
 from avs3d_bench.inspector.facts import PageFacts
-from avs3d_bench.inspector.floor_map import FloorMap, path_colour, unit_colour
+from avs3d_bench.inspector.floor_map import FloorMap, path_colour
 from avs3d_bench.inspector.floorplan import PIXELS_PER_METRE
+from avs3d_bench.inspector.pictures import hexadecimal
 from avs3d_bench.inspector.sources import ShownSound, ShownSource
 from avs3d_bench.measures.levels import ild_db
 from avs3d_bench.text.templates import words
@@ -39,7 +40,7 @@ QUIETEST_DB = -110.0
 
 def write_audible(axes: Axes, sound: ShownSound, number: int) -> None:
     """Below a picture: the sources that are audible in frame ``number``, each in its colour, or that none is."""
-    rows: list[tuple[str, Any]] = [(f"\N{BLACK CIRCLE} {s.name}", unit_colour(s.colour)) for s in sound.audible(number)]
+    rows: list[tuple[str, Any]] = [(f"\N{BLACK CIRCLE} {s.name}", hexadecimal(s.colour)) for s in sound.audible(number)]
     for row, (text, colour) in enumerate(rows or [(sound.nothing, MUTED)]):
         axes.text(
             0.0, -0.03 - 0.09 * row, text, transform=axes.transAxes, va="top", fontsize=9.5, color=colour, weight="bold"
@@ -56,8 +57,8 @@ def _draw_lanes(axes: Axes, sound: ShownSound, frames: int) -> None:
     top = max([_LEAST_TOP_DB, *levels])
     names: list[str] = []
     for row, source in enumerate(sound.sources):
-        colour = unit_colour(source.colour)
-        axes.broken_barh([(start, end - start) for start, end in source.spans], (-row - 0.4, 0.8), color=(*colour, 0.2))
+        colour = hexadecimal(source.colour)
+        axes.broken_barh([(start, end - start) for start, end in source.spans], (-row - 0.4, 0.8), color=(colour, 0.2))
         heard = [(k, entry.level_db) for k, entry in enumerate(source.heard) if entry is not None]
         heights = [0.05 + 0.75 * max(0.0, (level - AUDIBLE_LEVEL_DB) / (top - AUDIBLE_LEVEL_DB)) for _, level in heard]
         axes.bar([k + 0.5 for k, _ in heard], heights, bottom=-row - 0.4, width=0.92, color=colour)
@@ -98,10 +99,10 @@ def _draw_azimuths(axes: Axes, sound: ShownSound, times: list[float]) -> None:
     alpha, width = (1.0, 1.6) if sound.always else (0.45, 1.2)
     label = "azimuth of the source" if sound.always else None
     for source in sound.sources:
-        colour = unit_colour(source.colour)
+        colour = hexadecimal(source.colour)
         known = [(t, a, e) for t, a, e in zip(times, source.azimuth, source.heard, strict=True) if a is not None]
         line = azimuth_line([t for t, _, _ in known], [a for _, a, _ in known])
-        axes.plot(*line, color=(*colour, alpha), linewidth=width, label=label)
+        axes.plot(*line, color=(colour, alpha), linewidth=width, label=label)
         if not sound.always:
             heard = [(t, a) for t, a, entry in known if entry is not None]
             axes.plot([t for t, _ in heard], [a for _, a in heard], ".", color=colour, markersize=5)
@@ -123,17 +124,13 @@ def lay_out_map(axes: Axes, observation: Observation, facts: PageFacts) -> Floor
     axes.set_aspect("equal")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("z (m)")
-    first, middle = (unit_colour(path_colour(number, 3)) for number in (0, 1))
-    rows: list[tuple[str, str, Any]] = [("path, from violet to amber", "_", middle), ("start", "o", first)]
+    rows: list[tuple[str, str, Any]] = [("path, from violet (start) to amber", "_", hexadecimal(path_colour(1, 3)))]
     rows += [("heading in test frames", r"$\rightarrow$", INK), *[("path of the source", "_", SOURCE)] * facts.moves]
     if facts.lanes:
-        rows += [(_label(s), ">" if s.off_screen else "*", unit_colour(s.colour)) for s in facts.lanes.sources]
+        rows += [(_label(s), ">" if s.off_screen else "*", hexadecimal(s.colour)) for s in facts.lanes.sources]
     else:
         rows.append(("source at the first frame" if facts.moves else "source", "*", SOURCE))
-    handles = [
-        Line2D([], [], label=label, color=colour, marker=marker, markersize=9, markeredgewidth=1.5, linestyle="none")
-        for label, marker, colour in rows
-    ]
+    handles = [Line2D([], [], label=t, color=c, marker=m, markersize=9, linestyle="none") for t, m, c in rows]
     # Beside the plan, which it would hide.
     axes.legend(
         handles=handles, loc="upper left", bbox_to_anchor=(1.01, 1.0), fontsize=9, frameon=False, borderaxespad=0
@@ -144,22 +141,11 @@ def lay_out_map(axes: Axes, observation: Observation, facts: PageFacts) -> Floor
 def draw_map(axes: Axes, drawing: FloorMap) -> None:
     """Draw path, objects, sources and headings of the test frames, once all is laid out."""
     drawing.paint(axes, [*drawing.ground(), *drawing.sources(), *drawing.labels])
-    moments = drawing.facts.moments
-    start = moments[0].position
-    assert start is not None
-    axes.plot(
-        start[0],
-        start[2],
-        "o",
-        color=unit_colour(path_colour(0, len(moments))),
-        markeredgecolor="white",
-        zorder=2 + len(moments),
-    )
-    test = [
-        (m.position[0], m.position[2], *m.heading) for m in moments if m.split == "test" and m.position and m.heading
-    ]
+    test = [m for m in drawing.facts.moments if m.split == "test" and m.position and m.heading]
     axes.quiver(
-        *np.transpose(test), color=INK, angles="xy", scale_units="xy", scale=2.5, width=0.0045, zorder=3 + len(moments)
+        [m.position[0] for m in test if m.position], [m.position[2] for m in test if m.position],
+        *np.transpose([m.heading for m in test if m.heading]),
+        color=INK, angles="xy", scale_units="xy", scale=2.5, width=0.0045, zorder=3 + len(drawing.facts.moments),
     )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +20,7 @@ from avs3d_bench.dataset import Observation
 from avs3d_bench.inspector.facts import PageFacts
 from avs3d_bench.inspector.floorplan import Bounds, map_bounds, paint_plan, read_plan
 from avs3d_bench.inspector.labels import LabelBox, place_labels
-from avs3d_bench.inspector.pictures import SOUNDING
+from avs3d_bench.inspector.pictures import SOUNDING, hexadecimal
 from avs3d_bench.inspector.video_text import U8, Colour, fitting, text_width
 
 if TYPE_CHECKING:
@@ -73,21 +73,11 @@ class Shape:
     def placed(self) -> NDArray[np.float64]:
         """Its points in the drawing."""
         cos, sin = math.cos(math.radians(self.turn)), math.sin(math.radians(self.turn))
-        return self.points @ np.array([[cos, sin], [-sin, cos]]) + self.at
+        return np.asarray(self.points @ np.array([[cos, sin], [-sin, cos]]) + self.at, dtype=np.float64)
 
 
-@dataclass(frozen=True)
-class _Style:
-    """How matplotlib draws a kind of shape; style.css says how a page does.
-
-    Attributes:
-        colour: RGB of shapes that have no colour of their own.
-        width: of the line, pixels of the drawing.
-        fill: opacity of the area; None: it is a line.
-        edge: RGB of the outline in place of the colour.
-        area: RGB of the area in place of the colour.
-        dash: matplotlib's pattern of the line.
-    """
+class _Style(NamedTuple):
+    """How matplotlib draws a kind of shape; style.css says how a page does. An area of no opacity (None) is a line."""
 
     colour: Colour
     width: float
@@ -129,12 +119,6 @@ def path_colour(number: int, frames: int) -> Colour:
     at = number / max(1, frames - 1) * (len(_TIME) - 1)
     red, green, blue = (round(float(np.interp(at, range(len(_TIME)), channel))) for channel in zip(*_TIME, strict=True))
     return red, green, blue
-
-
-def unit_colour(colour: Colour) -> tuple[float, float, float]:
-    """A colour as matplotlib takes it."""
-    red, green, blue = colour
-    return red / 255, green / 255, blue / 255
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,6 +164,8 @@ class FloorMap:
         moments, lanes = self.facts.moments, self.facts.lanes
         shapes = []
         for instance, box in zip(self.facts.instances, self._boxes, strict=True):
+            if instance.sounding and self.facts.moves and number is not None:
+                continue  # a film shows where it is now
             kind = "sounds" if instance.sounding else "twin" if self.facts.is_twin(instance) else "other"
             colour = lanes.colours[instance.id] if lanes and kind != "other" else None
             corners = [(box.left, box.top), (box.right, box.top), (box.right, box.bottom), (box.left, box.bottom)]
@@ -256,8 +242,8 @@ class FloorMap:
         sizes = [(_BOLD * text_width(text, self.text) + 0.4 * self.text, line) for text in texts]
         places = place_labels([mark for mark, *_ in wanted], sizes, LabelBox(4, 4, width - 4, height - 4), taken=[bar])
         names, leaders = [], []
-        for (mark, _, kind), text, box in zip(wanted, texts, places, strict=True):
-            near, end = mark.nearest(box), box.nearest(mark)
+        for (target, _, kind), text, box in zip(wanted, texts, places, strict=True):
+            near, end = target.nearest(box), box.nearest(target)
             if math.dist(near, end) > 0.75 * line:
                 leaders.append(_shape("leader", [near, end]))
             names.append(_text(kind, text, ((box.left + box.right) / 2, (box.top + box.bottom) / 2)))
@@ -289,7 +275,7 @@ class FloorMap:
         """
         box = self.bounds
         size = max(1, round(box.width * scale)), max(1, round(box.height * scale))
-        axes.set_facecolor(unit_colour(OUTSIDE))
+        axes.set_facecolor(hexadecimal(OUTSIDE))
         axes.imshow(
             paint_plan(read_plan(observation, box), box, size),
             extent=(box.left, box.left + box.width, box.top + box.height, box.top), interpolation="antialiased",
@@ -307,19 +293,19 @@ class FloorMap:
             x, y = (shape.placed / self.scale + (self.bounds.left, self.bounds.top)).T
             if shape.text is not None:
                 axes.text(
-                    x[0], y[0], shape.text, fontsize=pixel * self.text, color=unit_colour(colour), weight="bold",
+                    x[0], y[0], shape.text, fontsize=pixel * self.text, color=hexadecimal(colour), weight="bold",
                     ha="center", va="center_baseline", zorder=order,
                     path_effects=[withStroke(linewidth=3.5 * pixel, foreground="white")],
                 )  # fmt: skip
             elif style.fill is None:
                 axes.plot(
-                    x, y, color=unit_colour(colour), linewidth=pixel * style.width, linestyle=style.dash,
+                    x, y, color=hexadecimal(colour), linewidth=pixel * style.width, linestyle=style.dash,
                     label=shape.kind, zorder=order,
                 )  # fmt: skip
             else:
                 axes.fill(
-                    x, y, facecolor=(*unit_colour(style.area or colour), style.fill), linewidth=pixel * style.width,
-                    edgecolor=unit_colour(style.edge or colour), linestyle=style.dash, zorder=order,
+                    x, y, facecolor=(hexadecimal(style.area or colour), style.fill), linewidth=pixel * style.width,
+                    edgecolor=hexadecimal(style.edge or colour), linestyle=style.dash, zorder=order,
                 )  # fmt: skip
 
 

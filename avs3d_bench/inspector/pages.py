@@ -20,6 +20,7 @@ from avs3d_bench.inspector.cards import GalleryCard
 from avs3d_bench.inspector.facts import few
 from avs3d_bench.inspector.floor_map import FloorMap, path_colour
 from avs3d_bench.inspector.moments import Moment
+from avs3d_bench.inspector.pictures import hexadecimal
 from avs3d_bench.inspector.site import ObservationSite
 from avs3d_bench.inspector.sources import SOUND_KINDS, ShownSource
 from avs3d_bench.text.templates import MISSING, keep_units, template_environment, words
@@ -255,6 +256,7 @@ def _source_data(source: ShownSource, levels: Sequence[float | None] | None) -> 
         "name": source.name,
         "room": words(record.room) if source.off_screen else None,
         "colour": hexadecimal(source.colour),
+        "instance": record.instance,
         "spans": [[_round(start, 3), _round(end, 3)] for start, end in source.spans],
         "programme": source.programme,
         "gain": _round(record.gain_db, 1),
@@ -292,11 +294,6 @@ def _frame_data(moment: Moment) -> dict[str, Any]:
 
 def _round(value: float | None, digits: int) -> float | None:
     return None if value is None else round(float(value), digits) + 0.0
-
-
-def hexadecimal(colour: tuple[int, int, int]) -> str:
-    """``#e4572e``."""
-    return "#{:02x}{:02x}{:02x}".format(*colour)
 
 
 def _script_json(value: object) -> str:
