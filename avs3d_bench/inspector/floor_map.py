@@ -1,7 +1,7 @@
 """The map of an observation from above: one list of shapes for its page (SVG), its film and its contact sheet.
 
 Shapes are in pixels of the drawing, whose longer side is `FloorMap.side`: whoever shows it scales all of it, with its
-names. `templates/map.svg.j2` writes them as SVG, whose moving ones `map.js` moves; `FloorMap.paint` draws them with
+names. `templates/map.html.j2` writes them as SVG, whose moving ones `map.js` moves; `FloorMap.paint` draws them with
 matplotlib.
 """
 
@@ -76,7 +76,7 @@ class Shape:
         return np.asarray(self.points @ np.array([[cos, sin], [-sin, cos]]) + self.at, dtype=np.float64)
 
 
-class _Style(NamedTuple):
+class _ShapeStyle(NamedTuple):
     """How matplotlib draws a kind of shape; style.css says how a page does. An area of no opacity (None) is a line."""
 
     colour: Colour
@@ -88,21 +88,21 @@ class _Style(NamedTuple):
 
 
 _STYLES = {
-    "thing sounds": _Style(SOUNDING, 2, 0.25),
-    "thing twin": _Style(SOUNDING, 2, 0.08, dash=(0, (2, 1.5))),
-    "thing other": _Style(_GREY, 2, 0.25),
-    "way": _Style(SOUNDING, 2.5, dash=":"),
-    "halo": _Style(_WHITE, 7),
-    "step": _Style(_AHEAD, 3),
-    "wedge": _Style((88, 180, 230), 1, 0.45, edge=_WHITE),
-    "listener": _Style(AGENT, 2, 1.0, edge=_WHITE),
-    "source": _Style(SOUNDING, 1.5, 1.0, edge=_WHITE),
-    "source hollow": _Style(SOUNDING, 2, 1.0, area=_WHITE),
-    "leader": _Style(_INK, 1),
-    "scale": _Style(_INK, 1.5),
-    "label": _Style(_INK, 0),
-    "label away": _Style(_INK, 0),
-    "label sounds": _Style(SOUNDING, 0),
+    "thing sounds": _ShapeStyle(SOUNDING, 2, 0.25),
+    "thing twin": _ShapeStyle(SOUNDING, 2, 0.08, dash=(0, (2, 1.5))),
+    "thing other": _ShapeStyle(_GREY, 2, 0.25),
+    "way": _ShapeStyle(SOUNDING, 2.5, dash=":"),
+    "halo": _ShapeStyle(_WHITE, 7),
+    "step": _ShapeStyle(_AHEAD, 3),
+    "wedge": _ShapeStyle((88, 180, 230), 1, 0.45, edge=_WHITE),
+    "listener": _ShapeStyle(AGENT, 2, 1.0, edge=_WHITE),
+    "source": _ShapeStyle(SOUNDING, 1.5, 1.0, edge=_WHITE),
+    "source hollow": _ShapeStyle(SOUNDING, 2, 1.0, area=_WHITE),
+    "leader": _ShapeStyle(_INK, 1),
+    "scale": _ShapeStyle(_INK, 1.5),
+    "label": _ShapeStyle(_INK, 0),
+    "label away": _ShapeStyle(_INK, 0),
+    "label sounds": _ShapeStyle(SOUNDING, 0),
 }
 _CIRCLE = np.array([(math.cos(a), math.sin(a)) for a in np.linspace(0, 2 * math.pi, 24, endpoint=False)])
 _STAR = np.array(

@@ -140,7 +140,7 @@ def sibling_script(page: PageOf) -> bytes:
         "data": _player_data(page.site, page.linked),
         "heading": values["heading"],
         "facts": _render("facts.html.j2", **values).decode(),
-        "map": _render("map.svg.j2", **values).decode(),
+        "map": _render("map.html.j2", **values).decode(),
         "nav": _render("neighbours.html.j2", **values).decode(),
     }
     return f"window.AVS3D.sibling({_script_json(payload)});\n".encode()
