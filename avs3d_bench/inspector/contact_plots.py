@@ -5,19 +5,19 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.signal import spectrogram
 
-from avs3d_bench.contract.layout import FRAME_RATE, is_test
+from avs3d_bench.contract.layout import FRAME_RATE
 from avs3d_bench.contract.schema import AUDIBLE_LEVEL_DB, ObservationRecord
 from avs3d_bench.dataset import Observation
-from avs3d_bench.inspector.floorplan import MARGIN, PIXELS_PER_METRE, Bounds, paint_plan, read_plan
-from avs3d_bench.inspector.labels import LabelBox, place_labels
-from avs3d_bench.inspector.pictures import SOUNDING
-from avs3d_bench.inspector.sources import Colour, ShownSound, ShownSource
+from avs3d_bench.inspector.facts import PageFacts
+from avs3d_bench.inspector.floor_map import FloorMap, path_colour
+from avs3d_bench.inspector.floorplan import PIXELS_PER_METRE
+from avs3d_bench.inspector.pictures import hexadecimal
+from avs3d_bench.inspector.sources import ShownSound, ShownSource
 from avs3d_bench.measures.levels import ild_db
 from avs3d_bench.text.templates import words
 
@@ -28,10 +28,9 @@ if TYPE_CHECKING:
 INK = "#1f2430"
 MUTED = "#8a90a0"
 SOURCE = "#e4572e"
-SILENT = "#4b7bec"
 PATH = "#1b998b"
-#: Around the floor plan, and pixels of the plan a metre.
-OUTSIDE, PLAN_SCALE = "#ece9e2", 2 * PIXELS_PER_METRE
+#: Pixels of the floor plan a metre.
+PLAN_SCALE = 2 * PIXELS_PER_METRE
 _BACKGROUND = "#b9b4a7"
 #: The lowest level at the top of a lane, dB re full scale.
 _LEAST_TOP_DB = -24.0
@@ -39,44 +38,13 @@ _LEAST_TOP_DB = -24.0
 QUIETEST_DB = -110.0
 
 
-def _rgb(colour: Colour) -> tuple[float, float, float]:
-    red, green, blue = colour
-    return red / 255, green / 255, blue / 255
-
-
 def write_audible(axes: Axes, sound: ShownSound, number: int) -> None:
     """Below a picture: the sources that are audible in frame ``number``, each in its colour, or that none is."""
-    rows: list[tuple[str, Any]] = [(f"\N{BLACK CIRCLE} {s.name}", _rgb(s.colour)) for s in sound.audible(number)]
+    rows: list[tuple[str, Any]] = [(f"\N{BLACK CIRCLE} {s.name}", hexadecimal(s.colour)) for s in sound.audible(number)]
     for row, (text, colour) in enumerate(rows or [(sound.nothing, MUTED)]):
         axes.text(
             0.0, -0.03 - 0.09 * row, text, transform=axes.transAxes, va="top", fontsize=9.5, color=colour, weight="bold"
         )  # fmt: skip
-
-
-def _mark_sources(axes: Axes, sound: ShownSound, *, moves: bool) -> None:
-    """All sources on the map, whose limits are set; one outside of it as an arrow at its border, with its room."""
-    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
-    inset = 0.03 * abs(right - left)
-    low = np.array([min(left, right), min(bottom, top)]) + inset
-    high = np.array([max(left, right), max(bottom, top)]) - inset
-    for source in sound.sources:
-        at = np.array([source.record.position[0], source.record.position[2]])
-        edge = np.clip(at, low, high)
-        colour = _rgb(source.colour)
-        if (edge == at).all():
-            label = _label(source)
-            if sound.always:
-                label = "source at the first frame" if moves else "source"
-            # A lone source lies above the path.
-            order = 5 if sound.always else 2
-            axes.plot(*at, "*", color=colour, markersize=16, markeredgecolor="white", label=label, zorder=order)
-            continue
-        towards = (at - edge) / np.linalg.norm(at - edge)
-        axes.annotate(
-            "", edge, xytext=edge - 1.5 * inset * towards,
-            arrowprops={"arrowstyle": "-|>", "color": colour, "linewidth": 3, "mutation_scale": 22},
-        )  # fmt: skip
-        axes.plot([], [], ">", color=colour, markersize=10, label=_label(source))
 
 
 def _label(source: ShownSource) -> str:
@@ -89,8 +57,8 @@ def _draw_lanes(axes: Axes, sound: ShownSound, frames: int) -> None:
     top = max([_LEAST_TOP_DB, *levels])
     names: list[str] = []
     for row, source in enumerate(sound.sources):
-        colour = _rgb(source.colour)
-        axes.broken_barh([(start, end - start) for start, end in source.spans], (-row - 0.4, 0.8), color=(*colour, 0.2))
+        colour = hexadecimal(source.colour)
+        axes.broken_barh([(start, end - start) for start, end in source.spans], (-row - 0.4, 0.8), color=(colour, 0.2))
         heard = [(k, entry.level_db) for k, entry in enumerate(source.heard) if entry is not None]
         heights = [0.05 + 0.75 * max(0.0, (level - AUDIBLE_LEVEL_DB) / (top - AUDIBLE_LEVEL_DB)) for _, level in heard]
         axes.bar([k + 0.5 for k, _ in heard], heights, bottom=-row - 0.4, width=0.92, color=colour)
@@ -131,10 +99,10 @@ def _draw_azimuths(axes: Axes, sound: ShownSound, times: list[float]) -> None:
     alpha, width = (1.0, 1.6) if sound.always else (0.45, 1.2)
     label = "azimuth of the source" if sound.always else None
     for source in sound.sources:
-        colour = _rgb(source.colour)
+        colour = hexadecimal(source.colour)
         known = [(t, a, e) for t, a, e in zip(times, source.azimuth, source.heard, strict=True) if a is not None]
         line = azimuth_line([t for t, _, _ in known], [a for _, a, _ in known])
-        axes.plot(*line, color=(*colour, alpha), linewidth=width, label=label)
+        axes.plot(*line, color=(colour, alpha), linewidth=width, label=label)
         if not sound.always:
             heard = [(t, a) for t, a, entry in known if entry is not None]
             axes.plot([t for t, _ in heard], [a for _, a in heard], ".", color=colour, markersize=5)
@@ -142,114 +110,43 @@ def _draw_azimuths(axes: Axes, sound: ShownSound, times: list[float]) -> None:
         axes.plot([], [], ".-", color=MUTED, label="azimuth of each source, dots where it is audible")
 
 
-@dataclass(frozen=True)
-class _Label:
-    """The name of an object on the map: its box (left, top, right, bottom) in metres, and the colour of the text."""
+def lay_out_map(axes: Axes, observation: Observation, facts: PageFacts) -> FloorMap:
+    """The floor plan from above (x to the right, z downwards) with a legend; `draw_map` draws the rest.
 
-    box: tuple[float, float, float, float]
-    text: str
-    colour: Any
-
-
-def draw_map(axes: Axes, observation: Observation, record: ObservationRecord, sound: ShownSound) -> list[_Label]:
-    """The floor plan from above (x to the right, z downwards) with path, headings of test frames, and objects.
-
-    Returns:
-        The names of the objects, still to be written.
+    Raises:
+        Avs3dError: if the sparse model is missing or damaged.
     """
-    path = np.array([frame.position for frame in record.frames])[:, [0, 2]]
-    boxes = np.array([instance.bounds for instance in record.instances]).reshape(-1, 2, 3)[:, :, [0, 2]]
-    reach = np.concatenate([path, boxes.reshape(-1, 2)])
-    low, high = reach.min(axis=0) - MARGIN, reach.max(axis=0) + MARGIN
-    bounds = Bounds(*(float(v) for v in (*low, *(high - low))))
-    size = round(bounds.width * PLAN_SCALE), round(bounds.height * PLAN_SCALE)
-    axes.set_facecolor(OUTSIDE)
-    axes.imshow(
-        paint_plan(read_plan(observation, bounds), bounds, size),
-        extent=(low[0], high[0], high[1], low[1]), interpolation="antialiased", zorder=0,
-    )  # fmt: skip
-    axes.plot(*path.T, color="white", linewidth=5, solid_capstyle="round", zorder=2)
-    axes.plot(*path.T, color=PATH, linewidth=2.2, label="path", zorder=3)
-    axes.plot(*path[0], "o", color=PATH, markersize=8, markeredgecolor="white", label="start", zorder=4)
-    heading = np.array([frame.pose.rotation_matrix @ (0.0, 0.0, -1.0) for frame in record.frames])[:, [0, 2]]
-    test = np.array([is_test(index) for index in range(len(path))])
-    axes.quiver(
-        *path[test].T, *heading[test].T, color=INK, angles="xy", scale_units="xy", scale=2.5, width=0.0045,
-        label="heading in test frames", zorder=4,
-    )  # fmt: skip
-    labels: list[_Label] = []
-    for instance, ((x0, z0), (x1, z1)) in zip(record.instances, boxes.tolist(), strict=True):
-        name = sound.names[instance.id]
-        if sound.always:
-            style = colour = _rgb(SOUNDING) if instance.sounding else SILENT
-        else:
-            style, colour = (_rgb(sound.colours[instance.id]),) * 2 if instance.sounding else (MUTED, INK)
-        axes.fill(
-            [x0, x1, x1, x0], [z0, z0, z1, z1], facecolor=_with_alpha(style, 0.25), edgecolor=style, linewidth=2.2
-        )
-        text = f"{name} (sounds)" if instance.sounding else name
-        labels.append(_Label((x0, z0, x1, z1), text, colour))
-    if record.moves:
-        way = np.array([record.source_at(frame) for frame in record.frames])
-        axes.plot(way[:, 0], way[:, 2], color=SOURCE, linewidth=2, label="path of the source", zorder=3)
-    axes.set_xlim(low[0], high[0])
-    axes.set_ylim(high[1], low[1])
-    _mark_sources(axes, sound, moves=record.moves)
+    from matplotlib.lines import Line2D
+
+    drawing = FloorMap.of(facts, side=480.0, text=11.0)
+    assert drawing is not None, "observation.json has poses"
+    drawing.show_plan(axes, observation, PLAN_SCALE)
     axes.set_aspect("equal")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("z (m)")
+    rows: list[tuple[str, str, Any]] = [("path, from violet (start) to amber", "_", hexadecimal(path_colour(1, 3)))]
+    rows += [("heading in test frames", r"$\rightarrow$", INK), *[("path of the source", "_", SOURCE)] * facts.moves]
+    if facts.lanes:
+        rows += [(_label(s), ">" if s.off_screen else "*", hexadecimal(s.colour)) for s in facts.lanes.sources]
+    else:
+        rows.append(("source at the first frame" if facts.moves else "source", "*", SOURCE))
+    handles = [Line2D([], [], label=t, color=c, marker=m, markersize=9, linestyle="none") for t, m, c in rows]
     # Beside the plan, which it would hide.
-    axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), fontsize=9, frameon=False, borderaxespad=0)
-    return labels
+    axes.legend(
+        handles=handles, loc="upper left", bbox_to_anchor=(1.01, 1.0), fontsize=9, frameon=False, borderaxespad=0
+    )  # fmt: skip
+    return drawing
 
 
-def _with_alpha(colour: Any, alpha: float) -> Any:
-    """A colour of matplotlib's with an opacity."""
-    from matplotlib.colors import to_rgba
-
-    return to_rgba(colour, alpha)
-
-
-def name_objects(figure: Figure, axes: Axes, labels: Sequence[_Label]) -> None:
-    """Write names so that none overlaps another; a line leads to the object of one that lies further away."""
-    height = figure.bbox.height
-
-    def pixels(box: Sequence[float]) -> LabelBox:
-        (x0, y0), (x1, y1) = axes.transData.transform(np.reshape(box, (2, 2)))
-        # matplotlib counts pixels from below.
-        return LabelBox(min(x0, x1), height - max(y0, y1), max(x0, x1), height - min(y0, y1))
-
-    texts = [
-        axes.annotate(
-            label.text,
-            (0, 0),
-            xycoords="figure pixels",
-            ha="left",
-            va="top",
-            fontsize=9,
-            color=label.colour,
-            weight="bold",
-            annotation_clip=False,
-            zorder=7,
-            bbox={"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 1},
-        )
-        for label in labels
-    ]
-    extents = [text.get_window_extent() for text in texts]
-    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
-    marks = [pixels(label.box) for label in labels]
-    sizes = [(extent.width + 4, extent.height + 4) for extent in extents]
-    places = place_labels(marks, sizes, pixels((left, top, right, bottom)))
-    for label, text, mark, place in zip(labels, texts, marks, places, strict=True):
-        text.set_position((place.left + 2, height - place.top - 2))
-        text.xy = text.get_position()
-        start, end = mark.nearest(place), place.nearest(mark)
-        if np.hypot(end[0] - start[0], end[1] - start[1]) > 0.75 * (place.bottom - place.top):
-            axes.annotate(
-                "", (start[0], height - start[1]), xytext=(end[0], height - end[1]), xycoords="figure pixels",
-                textcoords="figure pixels", annotation_clip=False, zorder=6,
-                arrowprops={"arrowstyle": "-", "color": label.colour, "linewidth": 1, "shrinkA": 0, "shrinkB": 0},
-            )  # fmt: skip
+def draw_map(axes: Axes, drawing: FloorMap) -> None:
+    """Draw path, objects, sources and headings of the test frames, once all is laid out."""
+    drawing.paint(axes, [*drawing.ground(), *drawing.sources(), *drawing.labels])
+    test = [m for m in drawing.facts.moments if m.split == "test" and m.position and m.heading]
+    axes.quiver(
+        [m.position[0] for m in test if m.position], [m.position[2] for m in test if m.position],
+        *np.transpose([m.heading for m in test if m.heading]),
+        color=INK, angles="xy", scale_units="xy", scale=2.5, width=0.0045, zorder=3 + len(drawing.facts.moments),
+    )  # fmt: skip
 
 
 def draw_sound(figure: Figure, observation: Observation, record: ObservationRecord, sound: ShownSound) -> None:

@@ -15,9 +15,10 @@ from avs3d_bench.contract.schema import ObservationRecord
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats import files
-from avs3d_bench.inspector.contact_plots import INK, MUTED, draw_map, draw_sound, name_objects, write_audible
+from avs3d_bench.inspector.contact_plots import INK, MUTED, draw_map, draw_sound, lay_out_map, write_audible
+from avs3d_bench.inspector.facts import read_facts
 from avs3d_bench.inspector.pictures import SOUNDING
-from avs3d_bench.inspector.sources import Colour, ShownSound, read_sound
+from avs3d_bench.inspector.sources import Colour, ShownSound
 from avs3d_bench.text.templates import words
 
 if TYPE_CHECKING:
@@ -44,13 +45,14 @@ def draw_contact_sheets(
         Avs3dError: if ``root`` is no dataset, a file in it cannot be read, or ``output`` cannot be written.
     """
     drawn: list[Path] = []
-    chosen = Dataset(root).select(*only)
+    dataset = Dataset(root)
+    chosen = dataset.select(*only)
     for number, observation in enumerate(chosen):
         if advance is not None:
             advance(number, len(chosen))
         path = output / f"{observation.key.replace('/', '_')}.png"
         check_replaceable(path, (PNG_OF_OURS,))
-        canvas: Any = draw_contact_sheet(observation, columns).canvas
+        canvas: Any = draw_contact_sheet(dataset, observation.key, columns).canvas
         with files.atomic_path(path) as temporary:
             # No creation date, no version: the same observation gives the same picture.
             # `savefig` would lay out all once more, without drawing it.
@@ -59,7 +61,7 @@ def draw_contact_sheets(
     return drawn
 
 
-def draw_contact_sheet(observation: Observation, columns: int = 8) -> Figure:
+def draw_contact_sheet(dataset: Dataset, key: str, columns: int = 8) -> Figure:
     """The sheet of one observation that carries our observation.json.
 
     Raises:
@@ -69,9 +71,11 @@ def draw_contact_sheet(observation: Observation, columns: int = 8) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    record, sound = observation.record, read_sound(observation)
+    observation = dataset[key]
+    record, facts = observation.record, read_facts(dataset, observation)
+    sound = facts.sound
     if record is None or sound is None:
-        raise Avs3dError(f"{observation.key}: no observation.json, so there is nothing to draw a map from")
+        raise Avs3dError(f"{key}: no observation.json, so there is nothing to draw a map from")
     with mpl.rc_context({"font.size": 11, "text.color": INK, "axes.labelcolor": INK, "font.family": "DejaVu Sans"}):
         # The names of what is audible stand below the pictures, if that changes.
         lines = 0 if sound.always else max(1, *(len(sound.audible(number)) for number in range(len(observation))))
@@ -84,12 +88,12 @@ def draw_contact_sheet(observation: Observation, columns: int = 8) -> Figure:
         _frames(top, observation, record, columns, sound)
         left, right = bottom.subfigures(1, 2, width_ratios=[1.0, 1.35])
         plan = left.subplots()
-        labels = draw_map(plan, observation, record, sound)
+        drawing = lay_out_map(plan, observation, facts)
         draw_sound(right, observation, record, sound)
         # How many pixels a metre has is known once all is laid out; it stays as it is.
         figure.draw_without_rendering()
         figure.set_layout_engine("none")
-        name_objects(figure, plan, labels)
+        draw_map(plan, drawing)
     return figure
 
 

@@ -1,4 +1,4 @@
-"""Places for the labels of a map, so that no two overlap and each is inside; `map.js` does the same in the browser."""
+"""Places for the labels of a map, so that no two overlap and each is inside."""
 
 from __future__ import annotations
 

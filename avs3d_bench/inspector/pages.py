@@ -18,8 +18,9 @@ from avs3d_bench.contract.taxonomy import PARTS, ROOMS
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.inspector.cards import GalleryCard
 from avs3d_bench.inspector.facts import few
-from avs3d_bench.inspector.floorplan import map_bounds
+from avs3d_bench.inspector.floor_map import FloorMap, path_colour
 from avs3d_bench.inspector.moments import Moment
+from avs3d_bench.inspector.pictures import hexadecimal
 from avs3d_bench.inspector.site import ObservationSite
 from avs3d_bench.inspector.sources import SOUND_KINDS, ShownSource
 from avs3d_bench.text.templates import MISSING, keep_units, template_environment, words
@@ -139,6 +140,7 @@ def sibling_script(page: PageOf) -> bytes:
         "data": _player_data(page.site, page.linked),
         "heading": values["heading"],
         "facts": _render("facts.html.j2", **values).decode(),
+        "map": _render("map.html.j2", **values).decode(),
         "nav": _render("neighbours.html.j2", **values).decode(),
     }
     return f"window.AVS3D.sibling({_script_json(payload)});\n".encode()
@@ -152,6 +154,7 @@ def _common(page: PageOf) -> dict[str, Any]:
     return {
         "root": "../../../../",
         "facts": facts,
+        "drawing": FloorMap.of(facts),
         "before": page.before,
         "after": page.after,
         "linked": page.linked,
@@ -180,7 +183,7 @@ def problem_page(key: str, problem: str, *, before: str | None, after: str | Non
 
 def _player_data(site: ObservationSite, linked: bool) -> dict[str, Any]:
     """Data for the scripts; the names are short because every frame has them."""
-    facts, bounds = site.facts, map_bounds(site.facts)
+    facts, drawing = site.facts, FloorMap.of(site.facts)
     width, height = site.size
     more: dict[str, Any] = {} if facts.lanes is None else {"scene": _scene_data(site)}
     if facts.has_ambisonics:
@@ -188,7 +191,10 @@ def _player_data(site: ObservationSite, linked: bool) -> dict[str, Any]:
     return more | {
         "key": facts.key,
         "size": [width, height],
-        "frames": [_frame_data(moment) for moment in facts.moments],
+        "frames": [
+            _frame_data(moment) | {"colour": hexadecimal(path_colour(number, len(facts.moments)))}
+            for number, moment in enumerate(facts.moments)
+        ],
         "instances": [
             {
                 "id": i.id,
@@ -196,7 +202,6 @@ def _player_data(site: ObservationSite, linked: bool) -> dict[str, Any]:
                 "sounding": i.sounding,
                 "twin": facts.is_twin(i),
                 "colour": hexadecimal(site.colours[i.id]),
-                "box": [_round(v, 3) for v in (i.bounds[0][0], i.bounds[0][2], i.bounds[1][0], i.bounds[1][2])],
             }
             for i in facts.instances
         ],
@@ -211,7 +216,7 @@ def _player_data(site: ObservationSite, linked: bool) -> dict[str, Any]:
             }
             for submission in site.submissions
         ],
-        "map": [bounds.left, bounds.top, bounds.width, bounds.height] if bounds else None,
+        "map": [drawing.bounds.left, drawing.bounds.top, drawing.scale] if drawing else None,
         "moves": facts.moves,
         "open": site.opening,
         "hfov": _round(facts.hfov, 2),
@@ -252,7 +257,6 @@ def _source_data(source: ShownSource, levels: Sequence[float | None] | None) -> 
         "room": words(record.room) if source.off_screen else None,
         "colour": hexadecimal(source.colour),
         "instance": record.instance,
-        "at": [_round(record.position[0], 3), _round(record.position[2], 3)],
         "spans": [[_round(start, 3), _round(end, 3)] for start, end in source.spans],
         "programme": source.programme,
         "gain": _round(record.gain_db, 1),
@@ -290,11 +294,6 @@ def _frame_data(moment: Moment) -> dict[str, Any]:
 
 def _round(value: float | None, digits: int) -> float | None:
     return None if value is None else round(float(value), digits) + 0.0
-
-
-def hexadecimal(colour: tuple[int, int, int]) -> str:
-    """``#e4572e``."""
-    return "#{:02x}{:02x}{:02x}".format(*colour)
 
 
 def _script_json(value: object) -> str:

@@ -27,6 +27,11 @@ INSTANCE_COLOURS = ((0, 158, 115), (86, 180, 233), (240, 228, 66), (204, 121, 16
 SOUNDING = (228, 87, 46)
 
 
+def hexadecimal(colour: tuple[int, int, int]) -> str:
+    """``#e4572e``."""
+    return "#{:02x}{:02x}{:02x}".format(*colour)
+
+
 def player_frame(rgb: U8) -> bytes:
     """A frame (H, W, 3) as the player shows it: WebP, at most `PLAYER_SIDE` pixels a side."""
     # Small pictures are shown enlarged, which shows what WebP takes away.

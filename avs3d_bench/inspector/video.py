@@ -30,10 +30,10 @@ from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats.files import atomic_path
 from avs3d_bench.inspector.facts import PageFacts, read_facts
+from avs3d_bench.inspector.floor_map import MapInset
 from avs3d_bench.inspector.sound import joined, read_clip
 from avs3d_bench.inspector.submissions import ShownSubmission, open_submissions
 from avs3d_bench.inspector.video_drawing import AudibleNow, Canvas, Loudness, Overlay, Shown
-from avs3d_bench.inspector.video_map import MapInset
 from avs3d_bench.runtime.imports import needing
 
 if TYPE_CHECKING:

@@ -133,13 +133,13 @@ def test_names_on_a_contact_sheet_do_not_overlap_and_keep_off_the_legend(tmp_pat
             instance |= {"category": record["category"], "bounds": [low, high], "position": low}
 
     tiny.edit_record(root, tiny.MULTI, side_by_side, rehash=False)
-    figure = draw_contact_sheet(Dataset(root)[tiny.MULTI], columns=3)
+    figure = draw_contact_sheet(Dataset(root), tiny.MULTI, columns=3)
     figure.draw_without_rendering()
     plan = next(
         a for half in figure.subfigs for sub in half.subfigs for a in sub.get_axes() if a.get_xlabel() == "x (m)"
     )
     names = [text.get_window_extent() for text in plan.texts if text.get_text()]
-    assert len(names) == 2
+    assert len(names) == 3, "and that of the scale"
     boxes = [*names, plan.get_legend().get_window_extent()]
     for number, one in enumerate(boxes):
         assert all(not one.overlaps(other) for other in boxes[:number])

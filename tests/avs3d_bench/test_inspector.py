@@ -710,11 +710,11 @@ def test_the_player_plays_from_disk_and_pictures_follow_the_sound(site: Path, br
 
 def test_a_scrub_moves_sound_picture_map_and_plots_together(site: Path, browser: Any) -> None:
     with player(browser, (site / KEY / "index.html").as_uri()) as (page, said, _):
-        before = page.get_attribute(".wedge", "d")
+        before = page.get_attribute(".wedge", "transform")
         page.eval_on_selector("#scrub", "e => { e.value = 6.4; e.dispatchEvent(new Event('input')); }")
         drawn(page, 6)
         assert page.evaluate("document.getElementById('sound').currentTime") == pytest.approx(6.4, abs=0.02)
-        assert page.get_attribute(".wedge", "d") != before
+        assert page.get_attribute(".wedge", "transform") != before
         assert page.text_content("#frame-name") == "frame_006"
         box = page.locator(".series").first.bounding_box()
         page.locator(".series").first.click(position={"x": 46 + (box["width"] - 60) * 0.35, "y": 60})

@@ -321,7 +321,7 @@ def test_submissions_agree_with_the_union_of_the_audible_instances(
 
 @pytest.mark.parametrize("key", [BOTH, SILENT, AWAY])
 def test_a_contact_sheet_says_who_is_audible(root: Path, key: str) -> None:
-    figure = draw_contact_sheet(Dataset(root)[key], columns=4)
+    figure = draw_contact_sheet(Dataset(root), key, columns=4)
     texts = [
         text.get_text()
         for half in figure.subfigs
@@ -388,7 +388,7 @@ def test_a_film_of_a_part_3_is_written(root: Path, tmp_path: Path, key: str) -> 
 
 
 def test_the_map_of_a_film_shows_a_source_of_another_room_at_its_border(root: Path) -> None:
-    from avs3d_bench.inspector.video_map import MapInset
+    from avs3d_bench.inspector.floor_map import MapInset
 
     dataset = Dataset(root)
     facts = read_facts(dataset, dataset[AWAY])
@@ -399,7 +399,7 @@ def test_the_map_of_a_film_shows_a_source_of_another_room_at_its_border(root: Pa
     assert len(marked)
     assert marked[:, 1].mean() < 0.2 * inset.draw(0).shape[1], "it is to the left of the room"
     both = read_facts(dataset, dataset[BOTH])
-    assert MapInset.of(dataset[BOTH], both, 720).bounds == inset.bounds, "siblings have one map"  # type: ignore[union-attr]
+    assert MapInset.of(dataset[BOTH], both, 720).drawing.bounds == inset.drawing.bounds, "siblings have one map"  # type: ignore[union-attr]
 
 
 def test_the_3d_view_has_all_sources_and_says_which_are_audible(root: Path, tmp_path: Path) -> None:
@@ -690,7 +690,7 @@ def test_the_map_shows_all_sources_and_those_of_other_rooms_at_its_border(site: 
         inside = page.evaluate(
             """() => {
               const map = document.querySelector('.map svg').getBoundingClientRect();
-              return [...document.querySelectorAll('.map .source.away, .map .label.away')]
+              return [...document.querySelectorAll('.map .source, .map .label.away')]
                 .map((e) => e.getBoundingClientRect())
                 .every((b) => b.left >= map.left && b.right <= map.right && b.top >= map.top && b.bottom <= map.bottom);
             }"""

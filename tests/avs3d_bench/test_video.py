@@ -22,9 +22,9 @@ from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import media
 from avs3d_bench.inspector.facts import read_facts
+from avs3d_bench.inspector.floor_map import MapInset
 from avs3d_bench.inspector.video import RATE, film_sound, gain_for, write_video
 from avs3d_bench.inspector.video_drawing import PREDICTED, TRUTH, Canvas, Shown
-from avs3d_bench.inspector.video_map import MapInset
 from tests.support.shared import SharedDataset
 from tests.support.tiny import MULTI, SINGLE, edit_record, replace, write_dataset, write_release
 
@@ -226,8 +226,8 @@ def test_the_map_shows_source_and_agent_where_they_are(root: Path) -> None:
         assert moment.source
         assert moment.position
         for (x, _, z), colour in ((moment.source, TRUTH), (moment.position, (0, 114, 178))):
-            column = round((x - inset.bounds.left) * inset.scale / 2)
-            row = round((z - inset.bounds.top) * inset.scale / 2)
+            column = round((x - inset.drawing.bounds.left) * inset.scale)
+            row = round((z - inset.drawing.bounds.top) * inset.scale)
             assert near(picture, colour)[row - 1 : row + 2, column - 1 : column + 2].any()
 
 

@@ -478,7 +478,7 @@
     for (const [name, there] of [["mask", data.has.masks], ["instances", data.has.instances], ["errors", data.has.masks]]) if (by(name)) by(name).disabled = !there;
     explainLayers();
     clock.change(new URL("sound.flac", folder).href);
-    floorMap.renew(folder);
+    floorMap.renew(payload.map);
     plots.forEach((plot) => plot.renew());
     lanes.build();
     drawStrip();

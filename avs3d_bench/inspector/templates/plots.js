@@ -1,7 +1,7 @@
 "use strict";
 // Plots over time (azimuth above ILD, distance above level) and scatter plots; a click jumps to that time.
 (() => {
-  const { make, ramp } = window.AVS3D;
+  const { make } = window.AVS3D;
   const PAD = { left: 46, right: 14, top: 22, bottom: 30 };
 
   const nice = (low, high, count) => {
@@ -181,9 +181,8 @@
           if (colour) line.style.stroke = colour;
         }
       }
-      const last = Math.max(1, this.data.frames.length - 1);
       for (const group of groups) for (const [a, b, i] of group.points) {
-        const colour = group.colour ?? ramp(i / last), hollow = !group.colour && this.data.frames[i].sight === false;
+        const colour = group.colour ?? this.data.frames[i].colour, hollow = !group.colour && this.data.frames[i].sight === false;
         make("circle", { cx: x(a), cy: y(b), r: 3.4, stroke: colour, fill: hollow ? "none" : colour, class: "point" }, this.svg);
         this.points.push([x(a), y(b), i]);
       }
