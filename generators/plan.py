@@ -70,6 +70,8 @@ class ObservationPlan:
         categories: the categories that the manifest adds, in its order.
         models: category → the procedural variants from which its objects are drawn; a category that is not listed
             has those of `generators.assets.catalogue.variants`.
+        voices: category → the voices by which its sounds are synthesised; a category that is not listed has the one of
+            versions 1 and 2 (see `generators.assets.sounds.synthesise`).
         options: engines, and what they are asked for.
         backends: name → version of all software that the bytes depend on.
         first: the plan of the observation whose pictures this one has, if it has those of another. Its bytes do not
@@ -90,6 +92,7 @@ class ObservationPlan:
     first: ObservationPlan | None = None
     categories: dict[str, CategorySpec] = field(default_factory=dict)
     models: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    voices: dict[str, tuple[str, ...]] = field(default_factory=dict)
     takes: dict[str, Takes] = field(default_factory=dict)
 
     @property
@@ -188,6 +191,9 @@ class ObservationPlan:
             document["categories"] = [list(self.categories), self._declarations(used)]
         if self._variants:
             document["variants"] = self._variants
+        voices = {name: self.voices[name] for name in self.spec.heard if name in self.voices}
+        if voices:
+            document["voices"] = voices
         if self.takes:
             document["takes"] = self.takes
         return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
@@ -328,7 +334,7 @@ def takes_of(manifest: Manifest) -> dict[str, dict[str, Takes]]:
 
 
 def _check_variants(manifest: Manifest) -> None:
-    """Check the names of procedural variants, in ``models`` and in observations.
+    """Check the names of procedural variants, in ``models`` and in observations, and those of ``voices``.
 
     Raises:
         UsageError: naming the first one that does not exist.
@@ -337,6 +343,14 @@ def _check_variants(manifest: Manifest) -> None:
     for spec in manifest.observations:
         if spec.variant is not None and spec.category is not None and spec.category not in manifest.objects:
             named.append((spec.key, spec.category, spec.variant))
+    for category, names in manifest.voices.items():
+        from generators.assets.sounds import find_voice
+
+        for name in names:
+            try:
+                find_voice(category, name)
+            except UsageError as error:
+                raise UsageError(f"{manifest.name}: voices: {error}") from None
     if not named:
         return
     from generators.assets.catalogue import training_variants, variants
@@ -397,6 +411,7 @@ def make_plans(source: ManifestFile, options: GenerateOptions | None = None) -> 
             backends=backends,
             categories=manifest.categories,
             models=manifest.models,
+            voices=manifest.voices,
             takes=takes.get(spec.variant_of or spec.key, {}),
         )
 

@@ -530,7 +530,8 @@ class Manifest(_Model):
 
     ``audio`` names the acoustic engine that the benchmark is made with, unless another one is asked for.
 
-    ``models`` restricts the procedural variants from which the objects of a category are drawn.
+    ``models`` restricts the procedural variants from which the objects of a category are drawn, ``voices`` names the
+    devices by which its sound is synthesised.
     """
 
     name: Slug
@@ -542,6 +543,7 @@ class Manifest(_Model):
     scans: dict[Slug, ScanSpec]
     categories: dict[CategoryName, CategorySpec] = Field({}, max_length=MOST_OWN_CATEGORIES)
     models: dict[InstanceName, Variants] = {}
+    voices: dict[InstanceName, Variants] = {}
     objects: dict[InstanceName, tuple[ObjectSpec, ...]] = {}
     sounds: dict[InstanceName, tuple[SoundSpec, ...]] = {}
     notes: str = ""
@@ -611,13 +613,14 @@ class Manifest(_Model):
             )
 
     def _faults_of_models(self) -> Iterator[Fault]:
-        """Variants of a category whose models are files, and those that are listed twice."""
-        for name, allowed in self.models.items():
-            place = ("models", name)
-            if name in self.categories:
-                yield place, f"{name} is a category of this manifest and has no procedural models"
-            if self.objects.get(name):
-                yield place, f"the files in objects replace the models of {name}; leave out one of both"
-            twice = next((variant for variant in allowed if allowed.count(variant) > 1), None)
-            if twice is not None:
-                yield place, f"{twice!r} is listed twice"
+        """Variants and voices of a category that has files instead, and those that are listed twice."""
+        for field, files_field, kind in (("models", "objects", "procedural models"), ("voices", "sounds", "voices")):
+            for name, allowed in getattr(self, field).items():
+                place = (field, name)
+                if name in self.categories:
+                    yield place, f"{name} is a category of this manifest and has no {kind}"
+                if getattr(self, files_field).get(name):
+                    yield place, f"the files in {files_field} replace the {field} of {name}; leave out one of both"
+                twice = next((variant for variant in allowed if allowed.count(variant) > 1), None)
+                if twice is not None:
+                    yield place, f"{twice!r} is listed twice"

@@ -139,7 +139,9 @@ def choose_signal(plan: ObservationPlan, category: str, nth: int = 1) -> SourceS
     stream = rules.signal_stream.format(category=category, nth=nth)
     entries = plan.sounds.get(category, ())
     if not entries:
-        return _synthesised(plan.seed, plan.own_key, stream, category, seconds)
+        names = plan.voices.get(category)
+        voice = names[int(plan.own_rng(f"{stream}/voice").integers(len(names)))] if names else None
+        return _synthesised(plan.seed, plan.own_key, stream, category, seconds, voice)
     if not rules.in_takes:
         return sound_file(plan, category, entries[int(plan.own_rng(stream).integers(len(entries)))]).signal(seconds)
     files, lengths = _recordings(plan, category)
@@ -201,11 +203,14 @@ def check_takes(plans: Iterable[ObservationPlan]) -> None:
 
 
 @lru_cache(maxsize=MOST_SIGNALS)
-def _synthesised(seed: int, key: str, stream: str, category: str, seconds: int) -> SourceSignal:
+def _synthesised(
+    seed: int, key: str, stream: str, category: str, seconds: int, voice: str | None = None
+) -> SourceSignal:
     """A procedural signal: variants play the same ones, and often follow one another in a process."""
-    samples = synthesise(category, seconds, derive_rng(seed, key, stream))
+    samples = synthesise(category, seconds, derive_rng(seed, key, stream), voice)
     samples.setflags(write=False)
-    return SourceSignal(samples, f"procedural:{category}", Licence(source="synthesised"))
+    asset = f"procedural:{category}" + (f"/{voice}" if voice else "")
+    return SourceSignal(samples, asset, Licence(source="synthesised"))
 
 
 def _off_screen(plan: ObservationPlan, home: Scene, room: str, nth: int) -> Vector:

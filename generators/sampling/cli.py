@@ -66,6 +66,11 @@ def manifest() -> None:
     is_flag=True,
     help="Draw only training variants of the objects, and none that an excluded manifest draws.",
 )
+@click.option(
+    "--hold-out-sounds",
+    is_flag=True,
+    help="Draw only training voices of the sounds, and none that an excluded manifest draws.",
+)
 @name_option("sampled-S")
 @click.option("--size", type=click.IntRange(*SIZE), default=252, show_default=True, help="Pixels per side.")
 @click.option(
@@ -139,6 +144,7 @@ def _command_line(wanted: Any, name: str, exclude: tuple[Path, ...], check: bool
     for path in exclude:
         words += ["--exclude", str(path)]
     words += ["--hold-out-models"] if wanted.hold_out_models else []
+    words += ["--hold-out-sounds"] if wanted.hold_out_sounds else []
     for option, value in (wanted.camera | wanted.extra).items():
         words += [f"--{option}", str(value)]
     words += ["--check"] if check else []

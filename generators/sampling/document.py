@@ -27,7 +27,7 @@ def manifest_text(document: dict[str, Any], command: str) -> str:
     """
     lines = [f"# {command}"]
     for name, value in document.items():
-        if name in ("scans", "models"):
+        if name in ("scans", "models", "voices"):
             lines += [f"{name}:", *(f"  {key}: {_flow(entry)}" for key, entry in value.items())]
         elif name == "observations":
             lines += [f"{name}:", *(f"  - {_flow(entry)}" for entry in value)]

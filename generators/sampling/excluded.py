@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from avs3d_bench.contract.taxonomy import CATEGORIES, DISTRACTORS
 from avs3d_bench.errors import UsageError
 from generators.assets.catalogue import training_variants, variants
+from generators.assets.sounds import voices
 from generators.library.lock import LOCK_NAME
 from generators.manifest.reading import read_manifest
 from generators.manifest.schema import Manifest
@@ -22,12 +23,14 @@ class Excluded:
         homes: seed of a procedural home → name of a manifest that has it.
         seeds: seed of a manifest → its name.
         variants: (category, variant) that a manifest may draw → its name.
+        voices: (category, voice) that a manifest may draw → its name.
         scans: id of a scan that a manifest finds by its name → its name.
     """
 
     homes: dict[int, str]
     seeds: dict[int, str]
     variants: dict[tuple[str, str], str]
+    voices: dict[tuple[str, str], str] = field(default_factory=dict)
     scans: dict[str, str] = field(default_factory=dict)
 
     def check_seed(self, seed: int) -> None:
@@ -45,18 +48,34 @@ class Excluded:
         Raises:
             UsageError: naming the first category of which none is left.
         """
-        models = {}
-        for category in (*CATEGORIES, *DISTRACTORS):
-            known = training_variants(category)
-            models[category] = [name for name in known if (category, name) not in self.variants]
-            if not models[category]:
-                users = sorted({self.variants[category, name] for name in known})
-                why = f"{', '.join(users)} uses all of them" if users else "it has none"
-                raise UsageError(
-                    f"--hold-out-models: no training variant of {category} is left ({why}); "
-                    "exclude fewer manifests, or leave the option out"
-                )
-        return models
+        known = {category: training_variants(category) for category in (*CATEGORIES, *DISTRACTORS)}
+        return _left(known, self.variants, "--hold-out-models", "variant")
+
+    def held_out_voices(self) -> dict[str, list[str]]:
+        """``voices`` of a manifest that shares none with the excluded ones: voices for training only.
+
+        Raises:
+            UsageError: naming the first category of which none is left.
+        """
+        known = {name: [voice.name for voice in voices(name) if voice.split == "train"] for name in CATEGORIES}
+        return _left(known, self.voices, "--hold-out-sounds", "voice")
+
+
+def _left(
+    known: Mapping[str, Sequence[str]], used: Mapping[tuple[str, str], str], option: str, kind: str
+) -> dict[str, list[str]]:
+    """Category → names that no excluded manifest uses."""
+    left = {}
+    for category, names in known.items():
+        left[category] = [name for name in names if (category, name) not in used]
+        if not left[category]:
+            users = sorted({used[category, name] for name in names})
+            why = f"{', '.join(users)} uses all of them" if users else "it has none"
+            raise UsageError(
+                f"{option}: no training {kind} of {category} is left ({why}); "
+                "exclude fewer manifests, or leave the option out"
+            )
+    return left
 
 
 def what_they_use(manifests: Sequence[Path], output: Path) -> Excluded:
@@ -86,6 +105,9 @@ def _add(found: Excluded, manifest: Manifest) -> None:
         elif scan.seed is not None:
             found.homes.setdefault(scan.seed, manifest.name)
     for spec in manifest.observations:
+        for category in spec.heard:
+            for voice in manifest.voices.get(category, ()):
+                found.voices.setdefault((category, voice), manifest.name)
         for category in spec.objects:
             # Files replace procedural models, and a category of the manifest's own has no others.
             if manifest.objects.get(category) or category in manifest.categories:

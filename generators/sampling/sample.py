@@ -54,6 +54,7 @@ class Wanted:
         camera: fields of the manifest's camera.
         extra: other fields of the manifest, such as light and audio.
         hold_out_models: whether only training variants are drawn.
+        hold_out_sounds: whether only training voices are drawn.
     """
 
     homes: int
@@ -63,6 +64,7 @@ class Wanted:
     camera: dict[str, Any] = field(default_factory=lambda: {"size": 252, "frames": 24})
     extra: dict[str, Any] = field(default_factory=dict)
     hold_out_models: bool = False
+    hold_out_sounds: bool = False
 
 
 @dataclass(frozen=True)
@@ -107,6 +109,8 @@ def sample(
     }
     if wanted.hold_out_models:
         document["models"] = excluded.held_out_models()
+    if wanted.hold_out_sounds:
+        document["voices"] = excluded.held_out_voices()
     drawer = _Drawer(wanted, list(document["scans"]))
     units = [drawer.unit(number, *place) for number, place in enumerate(drawer.places())]
     waiting = list(range(len(units)))
