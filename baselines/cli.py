@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from baselines.echosegnet.pipeline import Settings
 
 _RATE = click.FloatRange(0.0, 1.0)
+#: `baselines.sound_control.SOUND_CONTROLS`, without the time that its import takes.
+_SOUND_CONTROLS = ("own", "none", "swapped-ears", "both-ears-mean", "same-category", "other-category")
+_SOUND_HELP = "What it hears in place of the frame's own sound, to see what it takes from the sound."
 _F = TypeVar("_F", bound=Callable[..., Any])
 #: Options of `load_owod_bind`; the last one is shown first.
 _NETWORKS: dict[str, Callable[[Any], Any]] = {
@@ -254,8 +257,7 @@ def denseav(
     help="Whether the mean of looks at two sizes, also mirrored, decides, or one look, ten times as fast.",
 )  # fmt: skip
 @click.option(
-    "--sound", "hearing", type=click.Choice(["own", "none", "other"]), default="own", show_default=True,
-    help="What it hears; none and other (that of another observation) show whether it listens.",
+    "--sound", "hearing", type=click.Choice(_SOUND_CONTROLS), default="own", show_default=True, help=_SOUND_HELP
 )  # fmt: skip
 def listener(
     root: Path,
@@ -299,6 +301,9 @@ def listener(
     help="As released, or with occlusion-aware votes and the likelihood of what both ears heard; the training is one.",
 )  # fmt: skip
 @click.option("--no-aisrm", is_flag=True, help="Keep every labelled Gaussian, ignoring the sound.")
+@click.option(
+    "--sound", type=click.Choice(_SOUND_CONTROLS), default="own", show_default=True, help=_SOUND_HELP
+)  # fmt: skip
 @click.option(
     "--voting-threshold", type=click.FloatRange(0.0, 1.0, max_open=True), default=None, metavar="SHARE",
     help="A Gaussian is labelled above this share of its votes [0.3]; with --variant spatial --masks listener, above "
@@ -380,6 +385,7 @@ class _EchosegnetOptions:
     listener_answer: Any
     variant: Any
     no_aisrm: bool
+    sound: Any
     voting_threshold: float | None
     iterations: int
     seed: int
@@ -420,6 +426,7 @@ class _EchosegnetOptions:
         return Settings(
             variant=self.variant,
             refine=not self.no_aisrm,
+            sound=self.sound,
             voting_threshold=default_threshold(self.variant, source) if threshold is None else threshold,
             training=TrainingSettings(iterations=self.iterations, seed=self.seed, density=density),
         )

@@ -132,8 +132,15 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
         "baselines.echosegnet",
         "baselines.oracle",
         "baselines.oracle_errors",
+        "baselines.sound_control",
     ),
-    "baselines.listener": (*CONTRACT, "avs3d_bench.exports.samples", "baselines.listener", "baselines.networks"),
+    "baselines.listener": (
+        *CONTRACT,
+        "avs3d_bench.exports.samples",
+        "baselines.listener",
+        "baselines.networks",
+        "baselines.sound_control",
+    ),
     "baselines.oracle": (*CONTRACT, "baselines.oracle", "baselines.oracle_errors"),
     "baselines.owod_bind": (*CONTRACT, "baselines.networks", "baselines.owod_bind"),
 }

@@ -53,6 +53,7 @@ from baselines.echosegnet.train import Progress, TrainingSettings
 from baselines.echosegnet.training_stage import trained
 from baselines.echosegnet.views import RegisteredView, input_views, load_views, test_views, train_views
 from baselines.echosegnet.voting_stage import Variant, count_votes
+from baselines.sound_control import SoundControl, sound_of
 
 #: Successive train views whose votes are counted together in part_3 observations: programmes last for some seconds.
 MASK_RUN = 8
@@ -71,6 +72,7 @@ class Settings:
     Attributes:
         variant: ``official`` or ``spatial``.
         refine: choose among clusters by sound (AISRM); without it every labelled Gaussian stays.
+        sound: what is heard when it chooses; masks of a network hear their own sound.
         voting_threshold: a Gaussian is labelled if more than this share of its votes is for it (`default_threshold`).
         decompose_every: decomposition looks at every so many train views.
         training: of the Gaussians.
@@ -78,6 +80,7 @@ class Settings:
 
     variant: Variant = "official"
     refine: bool = True
+    sound: SoundControl = "own"
     voting_threshold: float = VOTING_THRESHOLD
     decompose_every: int = 4
     training: TrainingSettings = field(default_factory=TrainingSettings)
@@ -158,7 +161,7 @@ def predict(
         votes = count_votes(gaussians, seen, masks, rasteriser, settings.variant, stages, key, run=run)
         full = marked_share(votes.share, votes.total) if relative else 1.0
         labelled = votes.share > settings.voting_threshold * full
-    lifted = _Lifted(gaussians, np.flatnonzero(labelled), views, seen, masks, source)
+    lifted = _Lifted(gaussians, np.flatnonzero(labelled), views, seen, masks, source, settings.sound)
     if by_frame:
         answer = _by_frame(lifted, rasteriser, clock)
     elif settings.variant == "official":
@@ -192,6 +195,7 @@ class _Lifted:
         seen: the train views among them.
         masks: of the train views.
         source: of the masks.
+        sound: what is heard.
     """
 
     gaussians: Gaussians
@@ -200,6 +204,12 @@ class _Lifted:
     seen: Sequence[RegisteredView]
     masks: list[Mask]
     source: MaskSource
+    sound: SoundControl = "own"
+
+    @cached_property
+    def clips(self) -> NDArray[np.float32]:
+        """(T, 2, n) what is heard in the train views."""
+        return clips_of(self.seen, self.sound)
 
     @cached_property
     def part(self) -> Gaussians:
@@ -227,7 +237,7 @@ def _official(
     lifted: _Lifted, rasteriser: Rasteriser, settings: Settings, stages: Stages, key: str, clock: _Clock
 ) -> _Answer:
     with clock("refine"):
-        chosen, kept = _refine_official(lifted.gaussians, lifted.part, lifted.seen, settings.refine, stages, key)
+        chosen, kept = _refine_official(lifted, settings.refine, stages, key)
         part = lifted.part.select(chosen)
     with clock("decompose"):
         part = decompose(part, lifted.seen, lifted.masks, every=settings.decompose_every)
@@ -287,7 +297,8 @@ def _sounding(lifted: _Lifted) -> _Sounding:
     classes = class_votes(points, labels, lifted.seen, lifted.source)
     if not len(labels) or labels.max() < 0:
         return _Sounding(labels, np.zeros((len(lifted.views), 0), np.bool_), classes)
-    return _Sounding(labels, cluster_activity(points, labels, lifted.views, clips_of(lifted.views)).active, classes)
+    clips = clips_of(lifted.views, lifted.sound)
+    return _Sounding(labels, cluster_activity(points, labels, lifted.views, clips).active, classes)
 
 
 def _by_frame(lifted: _Lifted, rasteriser: Rasteriser, clock: _Clock) -> _Answer:
@@ -346,13 +357,14 @@ def _marked(observation: Observation, views: Sequence[RegisteredView], source: M
     return masks
 
 
-def clips_of(views: Sequence[RegisteredView]) -> NDArray[np.float32]:
-    """(T, 2, n) the binaural clips of the views.
+def clips_of(views: Sequence[RegisteredView], control: SoundControl = "own") -> NDArray[np.float32]:
+    """(T, 2, n) the binaural clips of the views, or what a control puts in their place.
 
     Raises:
+        UsageError: if the dataset lacks what the control asks for.
         Avs3dError: if a frame has no clip, or another length than the first.
     """
-    clips = [view.frame.audio() for view in views]
+    clips = [sound_of(view.frame, control) for view in views]
     for view, clip in zip(views, clips, strict=True):
         if clip.shape != clips[0].shape or clip.shape[0] != 2:
             where = f"{view.frame.observation.key}/{view.name}"
@@ -360,17 +372,16 @@ def clips_of(views: Sequence[RegisteredView]) -> NDArray[np.float32]:
     return np.stack(clips)
 
 
-def _refine_official(
-    scene: Gaussians, part: Gaussians, views: Sequence[RegisteredView], refine: bool, stages: Stages, key: str
-) -> tuple[NDArray[np.bool_], int]:
+def _refine_official(lifted: _Lifted, refine: bool, stages: Stages, key: str) -> tuple[NDArray[np.bool_], int]:
     """(n,) which of the labelled Gaussians stay, and how many clusters were kept.
 
     The audio intensity map and its centre are made of all Gaussians of the scene; the map is kept as a PLY file.
     """
+    scene, part = lifted.gaussians, lifted.part
     if not refine or not len(part):
         return np.ones(len(part), np.bool_), 0
     means = _numpy(scene.means)
-    intensity = aisrm.audio_intensity_map(views, clips_of(views), means)
+    intensity = aisrm.audio_intensity_map(lifted.seen, lifted.clips, means)
     ply = stages.path("audio", digest({"gaussians": key, "intensity": sha256(intensity.tobytes()).hexdigest()}), ".ply")
     if not ply.exists():
         write_ply(ply, scene, intensity)
@@ -386,7 +397,7 @@ def _refine_spatial(lifted: _Lifted, refine: bool) -> tuple[NDArray[np.bool_], i
     points = _numpy(lifted.part.means)
     if not refine or not len(points):
         return np.ones(len(points), np.bool_), 0
-    choice = spatial.choose(points, _candidates(lifted), lifted.seen, clips_of(lifted.seen))
+    choice = spatial.choose(points, _candidates(lifted), lifted.seen, lifted.clips)
     return (choice.chosen if choice.best >= 0 else np.ones(len(points), np.bool_)), len(choice.scores)
 
 

@@ -24,6 +24,7 @@ from baselines.echosegnet.network_masks import AnySource, NetworkMasks
 from baselines.echosegnet.pipeline import Settings, is_relative, predict
 from baselines.echosegnet.rasteriser.default import default_rasteriser
 from baselines.echosegnet.train import TrainingState
+from baselines.sound_control import SAID
 
 __all__ = [
     "SWEEP",
@@ -75,7 +76,7 @@ def _provenance(source: AnySource) -> Provenance:
 def method_name(settings: Settings, source: AnySource) -> str:
     """E.g. ``EchoSegnet, spatial, masks: oracle (category)``."""
     kind = settings.variant if settings.refine else f"{settings.variant} without AISRM"
-    return f"EchoSegnet, {kind}, masks: {source.name}"
+    return ", ".join(filter(None, (f"EchoSegnet, {kind}, masks: {source.name}", SAID[settings.sound])))
 
 
 def runtime_of(settings: Settings, source: AnySource) -> dict[str, Scalar]:
@@ -84,6 +85,7 @@ def runtime_of(settings: Settings, source: AnySource) -> dict[str, Scalar]:
         "method": "echosegnet",
         "variant": settings.variant,
         "aisrm": settings.refine,
+        "sound": settings.sound,
         "masks": source.name,
         "voting_threshold": settings.voting_threshold,
         "iterations": settings.training.iterations,

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -24,7 +23,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench.contract import layout
 from avs3d_bench.dataset import Dataset, Frame
-from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.errors import Avs3dError
 from avs3d_bench.method import Method, write_submission
 from avs3d_bench.submission import Prediction, SubmissionWriter
 from baselines.listener.masks import (
@@ -39,6 +38,7 @@ from baselines.listener.masks import (
 )
 from baselines.listener.shards import SIDE
 from baselines.networks.device import inference, pick_device
+from baselines.sound_control import SAID, SoundControl, sound_of
 
 #: Probability above which a pixel is marked; chosen on validation homes (docs/listener-training.md).
 THRESHOLD = 0.5
@@ -62,8 +62,6 @@ LOOKS = {
     "several": (Look(SIDE, False), Look(SIDE, True), Look(2 * SIDE, False), Look(2 * SIDE, True)),
 }
 Looks = Literal["one", "several"]
-#: What the network hears: the frame's own sound, or nothing, or that of another observation, to see whether it listens.
-Hearing = Literal["own", "none", "other"]
 #: Frames that go through the network at a time.
 BATCH = 8
 #: How masks are refined: not, or along the picture's edges.
@@ -80,7 +78,7 @@ class ListenerMethod:
         digest: sha256 of its weights.
         threshold: see `THRESHOLD`.
         refine: see `Refine`.
-        hearing: what it hears.
+        hearing: what it hears, to see whether and how it listens.
         looks: name of `LOOKS`.
     """
 
@@ -89,7 +87,7 @@ class ListenerMethod:
     digest: str
     threshold: float = THRESHOLD
     refine: Refine = "edges"
-    hearing: Hearing = "own"
+    hearing: SoundControl = "own"
     looks: Looks = "several"
 
     def answers(
@@ -144,7 +142,7 @@ class ListenerMethod:
         for start in range(0, len(frames), BATCH):
             part = frames[start : start + BATCH]
             pictures = [frame.rgb() for frame in part]
-            sounds = np.stack([self._heard(frame) for frame in part])
+            sounds = np.stack([clip_of(frame, self.hearing) for frame in part])
             cameras = np.asarray([camera_of(frame) for frame in part], np.float32)
             with inference(self.device, _where(part[0])):
                 answers = self.answers(pictures, sounds, cameras)
@@ -153,11 +151,6 @@ class ListenerMethod:
                 classes = class_map(mask, answer) if frame.observation.is_part_3 else None
                 out.append(Prediction(mask, classes))
         return out
-
-    def _heard(self, frame: Frame) -> NDArray[np.float32]:
-        if self.hearing == "none":
-            return np.zeros((2, layout.SAMPLE_RATE), np.float32)
-        return clip_of(frame if self.hearing == "own" else foreign_frame(frame))
 
     def mask(self, answer: Answer, picture: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """(H, W) of a picture (H, W, 3), rules 2 and 3."""
@@ -171,13 +164,13 @@ class ListenerMethod:
     @property
     def notes(self) -> str:
         """The settings, for submission.json."""
-        sound = {"own": "", "none": "; heard nothing", "other": "; heard the sound of another observation"}
+        heard = f"; {SAID[self.hearing]}" if SAID[self.hearing] else ""
         edges = {"none": "no refinement", "edges": "guided filter at edges"}
         looks = {"one": "one look at 252²", "several": "looks at 252² and 504², also mirrored"}[self.looks]
         return (
             f"2D, from the picture and the binaural second of test frames; weights {self.digest[:12]}; "
             f"{looks}; marked where > {self.threshold:g}; {edges[self.refine]}; "
-            f"components below {LEAST_AREA:g} of the picture dropped{sound[self.hearing]}"
+            f"components below {LEAST_AREA:g} of the picture dropped{heard}"
         )
 
 
@@ -192,13 +185,14 @@ def _where(frame: Frame) -> str:
     return f"{frame.observation.path}/{frame.name}"
 
 
-def clip_of(frame: Frame) -> NDArray[np.float32]:
+def clip_of(frame: Frame, control: SoundControl = "own") -> NDArray[np.float32]:
     """(2, 44100) float32: the frame's sound; shorter or longer files of other releases are cut or filled with zeros.
 
     Raises:
+        UsageError: if the dataset lacks what the control asks for.
         Avs3dError: if it is missing, has another number of channels, or holds no numbers.
     """
-    sound = np.asarray(frame.audio(), np.float32)
+    sound = np.asarray(sound_of(frame, control), np.float32)
     if sound.ndim != 2 or sound.shape[0] != 2:
         raise Avs3dError(f"{_where(frame)}: sound of shape {sound.shape}, expected two ears (2, n)")
     if not np.isfinite(sound).all():
@@ -207,27 +201,6 @@ def clip_of(frame: Frame) -> NDArray[np.float32]:
     length = min(sound.shape[1], layout.SAMPLE_RATE)
     out[:, :length] = sound[:, :length]
     return out
-
-
-def foreign_frame(frame: Frame) -> Frame:
-    """The frame of the same place in time of the next observation that is of another room and category.
-
-    Raises:
-        UsageError: if the dataset has no such observation.
-    """
-    mine, dataset = frame.observation, _dataset(frame.observation.root)
-    start = dataset.keys.index(mine.key)
-    for step in range(1, len(dataset)):
-        other = dataset[(start + step) % len(dataset)]
-        # Siblings and twins of the room would be right by chance.
-        if other.category not in (None, mine.category) and other.group_key != mine.group_key and len(other):
-            return other.frames[min(frame.index, len(other) - 1)]
-    raise UsageError(f"{dataset.root}: no observation of another category than {mine.key}; --sound other needs one")
-
-
-@lru_cache(maxsize=4)
-def _dataset(root: Path) -> Dataset:
-    return Dataset(root)
 
 
 def camera_of(frame: Frame) -> tuple[float, float, float, float]:
@@ -247,7 +220,7 @@ def load_method(
     device: str | None = None,
     threshold: float = THRESHOLD,
     refine: Refine = "edges",
-    hearing: Hearing = "own",
+    hearing: SoundControl = "own",
     looks: Looks = "several",
 ) -> ListenerMethod:
     """The listener, ready to predict.
@@ -297,6 +270,6 @@ def write_listener(
         UsageError: if no observation matches, or the target is not free.
         Avs3dError: if a file is missing or damaged, memory runs out, or the system refuses.
     """
-    name = {"own": "Listener", "none": "Listener, no sound", "other": "Listener, wrong sound"}[model.hearing]
+    name = ", ".join(filter(None, ("Listener", SAID[model.hearing])))
     method = Method(name, model.predictions, notes=model.notes, entry="baselines.listener.predict:write_listener")
     return write_submission(dataset, path, method, only=only, overwrite=overwrite, progress=progress)

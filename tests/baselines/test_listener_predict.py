@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from avs3d_bench.contract import layout
 from avs3d_bench.contract.taxonomy import CATEGORIES
-from avs3d_bench.dataset import Dataset, Observation
+from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats import media
 
@@ -23,6 +23,7 @@ from baselines.listener import masks, predict, weights  # noqa: E402
 from baselines.listener.masks import Answer  # noqa: E402
 from baselines.listener.model import Listener  # noqa: E402
 from baselines.listener.predict import ListenerMethod  # noqa: E402
+from baselines.sound_control import SAID  # noqa: E402
 from tests.support import tiny, tiny_listener, tiny_scenes  # noqa: E402
 from tests.support.shared import SharedDataset  # noqa: E402
 
@@ -195,22 +196,18 @@ def test_several_looks_are_the_mean_of_their_probabilities_in_the_finest_cells(s
     np.testing.assert_allclose(mean.audible, 0.4, atol=1e-6)
 
 
-def test_without_sound_or_with_a_wrong_one_its_own_is_not_read(
-    saved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    root = tiny.write_dataset(tmp_path / "set")
-    frame = Dataset(root)[tiny.SINGLE].test[0]
-    with pytest.raises(Avs3dError, match=r"no observation of another category"):
-        predict.foreign_frame(frame)  # microwaves alone
-    monkeypatch.setattr(Observation, "category", property(lambda self: self.place.part))
-    other = predict.foreign_frame(frame)
-    assert (other.observation.key, other.index) == (tiny.MULTI, frame.index)
-    deaf = predict.load_method(saved, device="cpu", hearing="none")
-    wrong = predict.load_method(saved, device="cpu", hearing="other")
-    assert not deaf._heard(frame).any()
-    np.testing.assert_array_equal(wrong._heard(frame), predict.clip_of(other))
-    assert "heard nothing" in deaf.notes
-    assert "another observation" in wrong.notes
+def test_a_control_is_what_the_network_hears(saved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    frame = Dataset(tiny.write_dataset(tmp_path / "set"))[tiny.SINGLE].test[0]
+    heard: list[np.ndarray] = []
+    real = ListenerMethod.answers
+    monkeypatch.setattr(ListenerMethod, "answers", lambda *given: heard.append(np.asarray(given[2])) or real(*given))
+    for control in ("own", "none", "swapped-ears"):
+        model = predict.load_method(saved, device="cpu", hearing=control, looks="one")
+        model.predictions([frame])
+        np.testing.assert_array_equal(heard[-1][0], predict.clip_of(frame, control))
+        assert model.notes.endswith(SAID[control] or "dropped")
+    assert not heard[1].any()
+    np.testing.assert_array_equal(heard[2], heard[0][:, ::-1])
 
 
 def test_a_frame_without_sound_is_one_line(saved: Path, tmp_path: Path) -> None:

@@ -13,13 +13,16 @@ from avs3d_bench.formats.files import read_json, write_json
 
 torch = pytest.importorskip("torch", reason="torch is not installed: the listener cannot run")
 
-from baselines.listener import predict, weights  # noqa: E402
+from baselines import sound_control  # noqa: E402
+from baselines.listener import weights  # noqa: E402
 from baselines.listener.model import Listener  # noqa: E402
 from benchmarks import listener_failures, listener_page, listener_tables  # noqa: E402
 from benchmarks.listener_tables import ROWS, RUN_JSON, labelled, rows_of  # noqa: E402
 from tests.support import score_examples, tiny_scenes  # noqa: E402
 from tests.support.tiny_listener import SMALL  # noqa: E402
 
+#: Rows that hear something else than their own sound.
+CONTROLS = ("no-sound", "wrong-sound", "same-category", "swapped-ears", "both-ears-mean")
 PAGE = "# Listener\n\nbefore\n\n<!-- tables -->\nold\n<!-- end of tables -->\n\nafter\n"
 
 
@@ -33,7 +36,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Path:
     weights.save_weights(Listener(SMALL), folder / "weights")
     with pytest.MonkeyPatch.context() as patch:
         # Both siblings are of one group, which has no foreign sound: another frame's serves.
-        patch.setattr(predict, "foreign_frame", lambda frame: frame.observation.frames[0])
+        patch.setattr(sound_control, "other_frame", lambda frame, same_category: frame.observation.frames[0])
         (folder / "first.txt").write_text(run(folder))
     return folder
 
@@ -47,7 +50,7 @@ def run(folder: Path, *extra: str) -> str:
 
 
 def test_the_rows_of_a_kind_or_a_name() -> None:
-    assert [row.name for row in rows_of(["listener", "spatial"])] == ["2d", "no-sound", "wrong-sound", "spatial"]
+    assert [row.name for row in rows_of(["listener", "spatial"])] == ["2d", *CONTROLS, "spatial"]
     assert set(listener_tables.KINDS) == {row.kind for row in ROWS.values()}
 
 
@@ -60,7 +63,7 @@ def test_labels_are_names_of_folders_unless_they_are_given(tmp_path: Path) -> No
 
 @pytest.mark.slow
 def test_every_row_is_scored_once(ran: Path) -> None:
-    names = {"category", "deaf-all", "deaf-single", "2d", "no-sound", "wrong-sound"}
+    names = {"category", "deaf-all", "deaf-single", "2d", *CONTROLS}
     assert {path.name for path in (ran / "results").glob("listener-scenes-*.json")} == {
         f"listener-scenes-{name}.json" for name in names
     }
@@ -83,7 +86,7 @@ def test_other_settings_are_computed_again(ran: Path) -> None:
     document["rows"]["scenes-2d"]["settings"]["weights"] = "0" * 64
     write_json(path, document)
     output = run(ran)
-    assert output.count("there already") == 5
+    assert output.count("there already") == 3 + len(CONTROLS)
     assert "scenes-2d: there already" not in output
     path.write_bytes(before)
 
@@ -106,7 +109,7 @@ def test_the_page_has_every_method_the_differences_and_the_pictures(ran: Path) -
     assert "(../page.md)" in tables
     for row in ("deaf-all", "deaf-single", "category"):
         assert f"| {ROWS[row].title} (n = 2) |" in tables
-    for row in ("2d", "no-sound", "wrong-sound"):
+    for row in ("2d", *CONTROLS):
         assert f"- {ROWS[row].title}: several looks" in tables
         assert f"| {ROWS[row].title} (several looks, n = 2) |" in tables
     assert f"| part_3 | {ROWS['2d'].title} − {ROWS['wrong-sound'].title} | listen IoU |" in tables

@@ -1,0 +1,89 @@
+"""Controls: what a method hears in place of a frame's own sound, to see what it takes from the sound.
+
+A method that listens loses without sound; one that hears *what* sounds loses with another category; one that hears
+*where* loses with swapped ears, with the same signal at both ears, and with the same category in another home. Every
+other setting stays as it is, so that a row with a control differs from the plain row by the sound alone.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench.dataset import Dataset, Frame, Observation
+from avs3d_bench.errors import UsageError
+
+SoundControl = Literal["own", "none", "swapped-ears", "both-ears-mean", "same-category", "other-category"]
+SOUND_CONTROLS: tuple[SoundControl, ...] = get_args(SoundControl)
+#: Control → what a submission says of it; nothing about a method that hears its own sound.
+SAID: dict[SoundControl, str] = {
+    "own": "",
+    "none": "heard nothing",
+    "swapped-ears": "heard with swapped ears",
+    "both-ears-mean": "heard the mean of both ears at both",
+    "same-category": "heard the same category in another home",
+    "other-category": "heard another category",
+}
+
+
+def sound_of(frame: Frame, control: SoundControl = "own") -> NDArray[np.float32]:
+    """(2, n) what is heard in a frame under a control, float32.
+
+    Raises:
+        UsageError: if the dataset has no other observation that the control asks for.
+        Avs3dError: if the file is missing or damaged.
+    """
+    if control in ("same-category", "other-category"):
+        return other_frame(frame, same_category=control == "same-category").audio()
+    sound = frame.audio()
+    if control == "none":
+        return np.zeros_like(sound)
+    if control == "swapped-ears":
+        return np.ascontiguousarray(sound[::-1])
+    if control == "both-ears-mean":
+        return np.broadcast_to(sound.mean(axis=0, keepdims=True), sound.shape).copy()
+    return sound
+
+
+def other_frame(frame: Frame, *, same_category: bool) -> Frame:
+    """The frame of the same place in time of the next observation with the same, or another, sounding category.
+
+    With the same category it is one of another home, with another category one with other pictures. What sounds in
+    observations of part_3 is the set of categories of their sources.
+
+    Raises:
+        UsageError: if the dataset has no such observation.
+    """
+    mine, dataset = frame.observation, _dataset(frame.observation.root)
+    start, sounding = dataset.keys.index(mine.key), sounding_categories(mine)
+    for step in range(1, len(dataset)):
+        other = dataset[(start + step) % len(dataset)]
+        found = sounding_categories(other)
+        if same_category:
+            fits = bool(found) and found == sounding and other.place.scan != mine.place.scan
+        else:  # siblings would be right by chance
+            fits = bool(found) and not found & sounding and other.group_key != mine.group_key
+        if fits and len(other):
+            return other.frames[min(frame.index, len(other) - 1)]
+    wanted = "the same category in another home" if same_category else "another category"
+    name = "same-category" if same_category else "other-category"
+    raise UsageError(f"{dataset.root}: no observation of {wanted} for {mine.key}; --sound {name} needs one")
+
+
+def sounding_categories(observation: Observation) -> frozenset[str]:
+    """The categories that sound in an observation; empty in silence, and where the truth is not known."""
+    record = observation.record
+    if record is None:
+        return frozenset()
+    if record.sources is not None:
+        return frozenset(source.category for source in record.sources)
+    return frozenset({record.category} if record.category else ())
+
+
+@lru_cache(maxsize=4)
+def _dataset(root: Path) -> Dataset:
+    return Dataset(root)

@@ -1,0 +1,77 @@
+"""What a method hears under each control: the sound changes and nothing else, and what is missing is one line."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from avs3d_bench.dataset import Dataset, Observation
+from avs3d_bench.errors import UsageError
+from baselines import cli
+from baselines.sound_control import SAID, SOUND_CONTROLS, other_frame, sound_of, sounding_categories
+from tests.support import tiny, tiny_scenes
+from tests.support.shared import SharedDataset
+
+KEYS = tuple(f"part_1/{scan}/kitchen/{index}" for scan in ("one", "two") for index in (1, 2))
+CATEGORIES = ("microwave", "clock", "telephone", "microwave")
+
+
+@pytest.fixture
+def dataset(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Dataset:
+    """Two homes with two observations each: a microwave in both, and a category of its own in each."""
+    categories = dict(zip(KEYS, CATEGORIES, strict=True))
+    monkeypatch.setattr(
+        "baselines.sound_control.sounding_categories", lambda observation: frozenset({categories[observation.key]})
+    )
+    made = tiny.write_dataset(tmp_path / "made", frames=9, keys=(tiny.SINGLE,))
+    for key in KEYS:
+        shutil.copytree(made / tiny.SINGLE, tmp_path / "data" / key)
+    return Dataset(tmp_path / "data")
+
+
+def test_the_commands_have_all_controls() -> None:
+    assert cli._SOUND_CONTROLS == SOUND_CONTROLS
+    assert SAID.keys() == set(SOUND_CONTROLS)
+
+
+def test_ears_and_silence(shared_dataset: SharedDataset) -> None:
+    frame = Dataset(shared_dataset(frames=9))[tiny.SINGLE].frames[3]
+    left, right = own = sound_of(frame)
+    np.testing.assert_array_equal(own, frame.audio())
+    assert np.abs(left - right).max() > 0, "ears that hear the same would make the controls equal"
+    np.testing.assert_array_equal(sound_of(frame, "swapped-ears"), [right, left])
+    np.testing.assert_allclose(sound_of(frame, "both-ears-mean"), [(left + right) / 2] * 2)
+    assert not sound_of(frame, "none").any()
+    assert all(sound_of(frame, control).shape == own.shape for control in ("none", "swapped-ears", "both-ears-mean"))
+
+
+def test_the_same_category_is_of_another_home_and_another_category_of_any(dataset: Dataset) -> None:
+    frame = dataset[KEYS[0]].frames[4]
+    same, other = (other_frame(frame, same_category=same) for same in (True, False))
+    assert (same.observation.key, same.index) == (KEYS[3], 4)
+    assert (other.observation.key, other.index) == (KEYS[1], 4)
+    np.testing.assert_array_equal(sound_of(frame, "same-category"), same.audio())
+    np.testing.assert_array_equal(sound_of(frame, "other-category"), other.audio())
+
+
+def test_what_the_dataset_lacks_is_one_line(dataset: Dataset) -> None:
+    with pytest.raises(UsageError, match=r"no observation of the same category in another home for .*one/kitchen/2"):
+        sound_of(dataset[KEYS[1]].frames[0], "same-category")
+
+
+def test_siblings_are_no_other_sound(tmp_path: Path) -> None:
+    tiny_scenes.write_part_3(tmp_path / "scenes", frames=9, keys=(tiny_scenes.FIRST, tiny_scenes.SECOND))
+    scenes = Dataset(tmp_path / "scenes")
+    sounding = [sounding_categories(observation) for observation in scenes]
+    assert any(sounding)
+    for observation in scenes:
+        with pytest.raises(UsageError, match="--sound other-category needs one"):
+            sound_of(observation.frames[0], "other-category")
+
+
+def test_nothing_is_known_of_a_release(tmp_path: Path) -> None:
+    release = tiny.write_release(tmp_path / "release")
+    assert sounding_categories(Observation(release, tiny.SINGLE)) == frozenset()
