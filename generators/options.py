@@ -33,7 +33,7 @@ ORDERS = (1, 3)
 
 #: Metadata of a field that is no part of `EngineOptions.identity`.
 _NO_BYTES = {"decides_bytes": False}
-#: Fields that observation.json and seal.json record in fields of their own.
+#: Options that observation.json and seal.json record in fields of their own.
 _NAMED_IN_RECORDS = frozenset({"vision", "audio", "device", "receivers"})
 
 
@@ -42,7 +42,7 @@ class EngineOptions:
     """Options of whoever computes pictures and sound; every plan carries them, and its digest covers them.
 
     To add an option: its field here (with a default that changes nothing), its line in `generators.cli`, its use,
-    ``plan.options.NAME``. See docs/extending-generator.md.
+    ``plan.options.NAME``. Records, ``--regenerate`` and ``avs3d unseal`` follow. See docs/extending-generator.md.
 
     Attributes:
         vision: renderer; None: that of the device, embree or cuda. habitat needs ``$AVS3D_HABITAT_PYTHON``.
