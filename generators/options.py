@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from avs3d_bench.errors import UsageError, did_you_mean, excerpt
 from avs3d_bench.runtime.user_path import user_path
 from generators.acoustics.receivers import OWN_HEAD, Receivers, choose_receivers
 from generators.core.limits import FRAMES, SIZE, WORKERS
+
+if TYPE_CHECKING:
+    from avs3d_bench.contract.schema import Scalar
 
 #: Renderers, acoustic engines, devices, and optional folders of an observation.
 Vision = Literal["embree", "cuda", "habitat"]
@@ -30,6 +33,8 @@ ORDERS = (1, 3)
 
 #: Metadata of a field that is no part of `EngineOptions.identity`.
 _NO_BYTES = {"decides_bytes": False}
+#: Options that observation.json and seal.json record in fields of their own.
+_NAMED_IN_RECORDS = frozenset({"vision", "audio", "device", "receivers"})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +42,7 @@ class EngineOptions:
     """Options of whoever computes pictures and sound; every plan carries them, and its digest covers them.
 
     To add an option: its field here (with a default that changes nothing), its line in `generators.cli`, its use,
-    ``plan.options.NAME``. See docs/extending-generator.md.
+    ``plan.options.NAME``. Records, ``--regenerate`` and ``avs3d unseal`` follow. See docs/extending-generator.md.
 
     Attributes:
         vision: renderer; None: that of the device, embree or cuda. habitat needs ``$AVS3D_HABITAT_PYTHON``.
@@ -80,6 +85,10 @@ class EngineOptions:
         if self.receivers:
             found["receivers"] = self.receivers.identity()
         return found
+
+    def further(self) -> dict[str, Scalar]:
+        """The options for the records that have no field of their own there; `further_options` reads them."""
+        return {name: value for name, value in self.identity().items() if name not in _NAMED_IN_RECORDS}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,6 +164,12 @@ class GenerateOptions(EngineOptions):
             if extra not in known_extras:
                 hint = did_you_mean(extra, known_extras)
                 raise UsageError(f"extras: unknown folder {extra!r}: expected some of {', '.join(known_extras)}{hint}")
+
+
+def further_options(recorded: Mapping[str, Scalar]) -> dict[str, Any]:
+    """Arguments for `GenerateOptions`: those of the recorded options that `EngineOptions.further` writes."""
+    known = {one.name for one in fields(EngineOptions) if one.metadata.get("decides_bytes", True)} - _NAMED_IN_RECORDS
+    return {name: value for name, value in recorded.items() if name in known}
 
 
 def check_path(name: str, value: object) -> None:

@@ -8,11 +8,12 @@ it takes to get the same numbers again.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from avs3d_bench.contract.frame_rows import FrameRow
 from avs3d_bench.contract.scores import (
     ALL_REFERENCES,
     BLIND_REFERENCES,
@@ -126,7 +127,7 @@ def write_report(path: Path, evaluation: Evaluation, dataset: Dataset, submissio
     twins = any(triple.twins for triples in frames.values() for triple in triples)
     groups = [draw_siblings(shown, dataset, submission) for shown in evaluation.groups[:SHOWN_GROUPS]]
     rows = frame_rows(evaluation, dataset) if evaluation.frames else ()
-    values = report_values(scores) | {"frames": frames, "has_twins": twins, "groups": groups} | factor_page([rows])
+    values = report_values(scores, rows) | {"frames": frames, "has_twins": twins, "groups": groups}
     write_page(Path(path), "report.html.j2", values)
 
 
@@ -134,8 +135,8 @@ def _triples(frames: Iterable[FrameScore], dataset: Dataset, submission: Submiss
     return tuple(draw_triple(frame, dataset, submission) for frame in frames)
 
 
-def report_values(scores: Scores) -> dict[str, Any]:
-    """The values of the scores for the template."""
+def report_values(scores: Scores, rows: Sequence[FrameRow] = ()) -> dict[str, Any]:
+    """The values of the scores, and of the rows of their frames, for the template."""
     known = tuple(metric for metric in METRICS if _known(scores, metric))
     return {
         "scores": scores,
@@ -155,7 +156,7 @@ def report_values(scores: Scores) -> dict[str, Any]:
         "unavailable": unavailable(scores),
         "all_metrics": METRICS,
         "groups": (),
-        **factor_page([()]),
+        **factor_page([rows]),
         "runtime": runtime_text(scores.submission.runtime),
         "authors": authors_text(scores.submission.authors),
     }

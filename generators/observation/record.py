@@ -83,6 +83,7 @@ def describe_observation(
         acoustics=describe_acoustics(prepared.engine, plan.options.receivers, decays),
         vision=VisionRecord(backend=prepared.renderer.name, version=prepared.renderer.version),
         device=describe_device(plan),
+        options=plan.options.further() or None,
         frames=tuple(frames),
         files={},
     )

@@ -28,11 +28,11 @@ from generators.core.folders import default_cache
 from generators.manifest.reading import ManifestFile, read_manifest
 from generators.observation.generate import generate_observation
 from generators.observation.output import MemoryOutput
-from generators.options import Audio, Extra, GenerateOptions, Vision
+from generators.options import Audio, Extra, GenerateOptions, Vision, further_options
 from generators.plan import ObservationPlan, make_plans
 
-#: Fields of observation.json that do not depend on single frames.
-_COMPARED = ("notes", "source_position", "instances", "sound", "sources", "background")
+#: Fields of observation.json that are not compared as a whole: they depend on frames that are not made.
+_OF_FRAMES = frozenset({"acoustics", "frames", "files", "sizes"})
 
 
 def regenerate(
@@ -100,6 +100,7 @@ def _plan(source: ManifestFile, observation: Observation, dataset: DatasetRecord
         receivers=_receivers(observation.key, record.acoustics, hrtf),
         frames=len(record.frames),
         size=camera.width,
+        **further_options(record.options or {}),
     )
     plans = [
         make_plans(source, replace(options, extras=cast(tuple[Extra, ...], tuple(extras))))[0]
@@ -212,7 +213,8 @@ def _compare(plan: ObservationPlan, observation: Observation, indices: tuple[int
     made = ComparingOutput(observation.path, indices)
     generate_observation(plan, observation.path.parent, default_cache(), output=lambda _: made)
     again = made.record
-    yield from _fields(observation.key, "", {name: getattr(again, name) for name in _COMPARED}, record)
+    compared = [name for name in ObservationRecord.model_fields if name not in _OF_FRAMES]
+    yield from _fields(observation.key, "", {name: getattr(again, name) for name in compared}, record)
     yield from _settings(observation.key, again.acoustics.settings, record)
     for index in indices:
         yield from _fields(observation.key, f"frames[{index}]", {"frames": again.frames[index]}, record, index)

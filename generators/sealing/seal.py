@@ -198,6 +198,7 @@ def settings_of(drawn: ManifestFile, options: GenerateOptions) -> dict[str, Scal
         "ambisonics": options.ambisonics,
         "array": options.array is not None,
         "hrtf_sha256": None if options.hrtf is None else files.sha256_file(options.hrtf),
+        **options.further(),
     }
 
 

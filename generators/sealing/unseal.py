@@ -31,7 +31,7 @@ from avs3d_bench.sealing.seal import (
 from avs3d_bench.sealing.secret import derive
 from generators.backends import observation_provenance
 from generators.manifest.reading import ManifestFile, read_manifest
-from generators.options import EngineOptions, GenerateOptions
+from generators.options import EngineOptions, GenerateOptions, further_options
 from generators.plan import ObservationPlan, make_plans
 from generators.run.generation import generate_plans
 from generators.sealing.consistency import Opened, check_consistency
@@ -204,6 +204,7 @@ def _options(seal: SealRecord, again: Again) -> GenerateOptions:
         device=made["device"],
         extras=tuple(name for name in made["with"].split(",") if name),
         ambisonics=made["ambisonics"],
+        **further_options(seal.settings),
         **again.options,
     )
 

@@ -275,6 +275,16 @@ def test_it_loads_without_a_word_or_a_request_and_pictures_decode(report: Path, 
         assert all(width > 0 and alt > 10 for width, alt in widths)
 
 
+def test_the_bars_of_a_block_have_no_gaps(report: Path, browser: Any) -> None:
+    with visit(browser, report) as opened:
+        gaps = opened.page.evaluate(
+            "[...document.querySelectorAll('.chart .row + .row')].map((e) =>"
+            " e.getBoundingClientRect().top - e.previousElementSibling.getBoundingClientRect().bottom)"
+        )
+        assert len(gaps) > 20
+        assert max(map(abs, gaps)) < 1
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("width", "dark"), [(1280, False), (1280, True), (390, False), (390, True)])
 def test_the_page_never_scrolls_sideways(report: Path, browser: Any, width: int, dark: bool) -> None:

@@ -96,6 +96,16 @@ def test_deep_finds_no_fault_in_generated_trees_and_falsified_ones_are_named(roo
 
 
 @pytest.mark.slow
+def test_every_field_of_the_whole_observation_is_compared(root: Path, manifest: Path, tmp_path: Path):
+    target = tiny.clone(root, tmp_path / "data")
+    tiny.edit_record(target, KEY, lambda record: record.update(seed=record["seed"] + 1))
+    found = regenerate(target, 2 * FRAMES, seed=1, manifest=manifest)
+    assert [(p.path, p.message) for p in found] == [
+        (f"{KEY}/observation.json", "seed differs from the regenerated value")
+    ]
+
+
+@pytest.mark.slow
 def test_a_missing_file_is_named(root: Path, manifest: Path, tmp_path: Path):
     target = tiny.clone(root, tmp_path / "data")
     (target / KEY / "depth/frame_002.png").unlink()

@@ -24,6 +24,16 @@ DOCUMENT = ROOT / "docs/extending.md"
 PAGE = DOCUMENT.read_text(encoding="utf-8")
 GENERATOR = ROOT / "docs/extending-generator.md"
 OBJECTS = ROOT / "docs/own-objects.md"
+#: A test to be sealed, in a small room of a procedural home.
+TEMPLATE = """\
+name: small
+seed: 7
+camera: {size: 64, frames: 2}
+light: preview
+scans: {flat: {seed: 11}}
+observations:
+  - {part: part_1, scan: flat, room: bathroom, index: 4, category: washing_machine, silent: [toilet]}
+"""
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +133,9 @@ def test_each_diff_applies(change: Block, tmp_path: Path) -> None:
     done = subprocess.run(
         ["git", "apply", "--check", "-"], cwd=tmp_path, input=change.code, capture_output=True, text=True, check=False
     )
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == 0, (
+        f"a change moved or altered these lines; renew the diff of the page\n{done.stderr}{change.code}"
+    )
 
 
 def test_the_list_of_edits_for_a_category_names_what_exists() -> None:
@@ -176,6 +188,26 @@ def test_metric(tmp_path: Path, data: Path) -> None:
 
 
 @pytest.mark.slow
+def test_chart(tmp_path: Path, data: Path) -> None:
+    desk = Desk(tmp_path, data)
+    desk.follow(DOCUMENT, section(PAGE, "## A chart in the report"))
+    desk.lint()
+    counts = [0] * 10
+    for observation in Dataset(data):
+        for frame in observation.test:
+            truth = frame.mask()
+            mask = read_png_mask(tmp_path / "box" / observation.key / f"masks/{frame.name}.png")
+            if truth.any():
+                counts[min(int(10 * (truth & mask).sum() / (truth | mask).sum()), 9)] += 1
+    shown = (tmp_path / "report.html").read_text().partition('<section id="histogram">')[2].partition("</section>")[0]
+    assert list(map(int, re.findall(r'<span class="value">(\d+)</span>', shown))) == counts
+    # A leaderboard copies the report.
+    desk.run("avs3d-eval", "box", "--dataset", "data/demo", "--json", "scores.json", "--html", "report.html")
+    desk.run("avs3d", "leaderboard", "scores.json", "-o", "board")
+    assert any('id="histogram"' in page.read_text() for page in (tmp_path / "board").rglob("*.html"))
+
+
+@pytest.mark.slow
 def test_baseline(tmp_path: Path, data: Path) -> None:
     desk = Desk(tmp_path, data)
     desk.follow(DOCUMENT, section(PAGE, "## A baseline"))
@@ -210,10 +242,22 @@ def test_option(home: tuple[Desk, str]) -> None:
     luma = coloured.frames[0].rgb() @ np.array([0.2126, 0.7152, 0.0722])
     assert np.abs(picture[:, :, 0] - luma).max() <= 0.5 + 1e-9
     assert grey.record is not None
+    assert grey.record.options == {"grey": True}
+    assert coloured.record is not None
+    assert coloured.record.options is None
     # The digest of the plan covers the option: a rerun without it keeps nothing.
     again = desk.run("bash", "-c", "! avs3d generate mine.yaml -o data/grey --audio analytic")
     assert "part_1" in again
     assert "--remake" in again
+    # A sealed test can be opened.
+    (desk.folder / "template.yaml").write_text(TEMPLATE)
+    desk.run("avs3d", "seal", "template.yaml", "-o", "sealed", "--grey", "--audio", "analytic")
+    opened = desk.run("avs3d", "unseal", "sealed", "--secret", "sealed/secret", "--regenerate")
+    assert "1 generated again: all as committed to" in opened
+    pycolmap = pytest.importorskip("pycolmap", reason="reads the sparse model back; it is in the dev extra")
+    model = pycolmap.Reconstruction(grey.path / "sparse/0")
+    assert len(model.points3D) > 20
+    assert all(len(set(point.color)) == 1 for point in model.points3D.values())
 
 
 @pytest.mark.slow
@@ -255,6 +299,11 @@ def test_field(home: tuple[Desk, str]) -> None:
     printed = re.search(r"^walked (\S+)$", said, re.M)
     assert printed
     assert float(printed[1]) == pytest.approx(length)
+    changed = path.read_text().replace('"walk_length": ', '"walk_length": 1')
+    path.unlink()
+    path.write_text(changed)
+    code = "! avs3d validate data/walk --regenerate 1 --manifest mine.yaml"
+    assert "walk_length differs from the regenerated value" in desk.run("bash", "-c", code)
     # A dataset that was made before the field keeps its bytes.
     code = "from avs3d_bench.formats import files; from avs3d_bench.contract.schema import ObservationRecord as R; "
     path = next((desk.folder / "data/mine").glob("part_*/*/*/*/observation.json"))

@@ -321,7 +321,7 @@ class ObservationRecord(Record):
 
     part_3_fields: ClassVar[tuple[str, ...]] = ("sources", "background", "group")
     left_out: ClassVar[frozenset[str]] = frozenset(
-        {"variant_of", "source_motion", "sizes", "categories", "device", *part_3_fields}
+        {"variant_of", "source_motion", "sizes", "categories", "device", "options", *part_3_fields}
     )
 
     schema_version: Literal["1.0", "1.1"] = Field(
@@ -371,6 +371,9 @@ class ObservationRecord(Record):
     vision: VisionRecord
     device: DeviceRecord | None = Field(
         default=None, description="what baked the light and traced the sound; absent: the CPU"
+    )
+    options: dict[str, Scalar] | None = Field(
+        default=None, description="further options of `avs3d generate` on which the bytes depend; absent: the defaults"
     )
     frames: Annotated[tuple[FrameRecord, ...], Field(min_length=1, max_length=layout.MAX_FRAMES)]
     files: dict[RelativePath, Sha256] = Field(description="sha256 of every file beside observation.json")
