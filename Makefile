@@ -14,8 +14,8 @@ MANIFEST ?= scenes_manifest/open-s34-o7.yaml
 NAME := $(basename $(notdir $(MANIFEST)))
 OUT ?= data/$(NAME)
 WORKERS ?= $(shell nproc 2>/dev/null || echo 2)
-# Processes that share the tests; each takes up to 3 GiB.
-JOBS ?= $(shell n=$(WORKERS); [ "$$n" -gt 8 ] && echo 8 || echo "$$n")
+# Processes that share the tests, each of which takes up to 3 GiB. One more than cores, since some tests wait for others.
+JOBS ?= $(shell n=$(WORKERS); [ "$$n" -gt 7 ] && echo 8 || echo "$$((n + 1))")
 PYTEST = $(BIN)/python -m pytest -n $(JOBS) --dist worksteal --durations 40
 # A pinned PyTorch; on a machine with a GPU, `make setup TORCH=torch` installs the newest build.
 TORCH ?= torch==2.13.0
