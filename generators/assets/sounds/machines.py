@@ -172,7 +172,8 @@ def plate(rng: Generator, low: float, high: float, number: int, loss: float, slo
 
     Args:
         rng: randomness: each unit has its own modes.
-        low, high: range of the modes (Hz).
+        low: least frequency of the modes (Hz).
+        high: largest frequency of the modes (Hz).
         number: of modes.
         loss: loss factor.
         slope: of the gains (dB per octave).
@@ -185,7 +186,7 @@ def plate(rng: Generator, low: float, high: float, number: int, loss: float, slo
 
 
 def bar_or_bell(rng: Generator, base: float, ratios: Sequence[float], decay: float, fall: float = 1.0) -> Body:
-    """A tuned part: partials at ``ratios`` of ``base``, decays ``decay``·ratio^−fall, each with a close twin (beats)."""
+    """A tuned part: partials at ``ratios`` of ``base``, decays ``decay``·ratio^−fall, each with a twin (beats)."""
     exact = base * np.asarray(ratios) * np.exp(rng.normal(0, 0.006, len(ratios)))
     frequencies = np.concatenate([exact, exact * (1 + rng.uniform(0.0006, 0.004, len(ratios)))])
     decays = np.tile(decay * np.asarray(ratios) ** -fall, 2) * np.exp(rng.normal(0, 0.15, 2 * len(ratios)))
@@ -268,7 +269,9 @@ def induction_motor(
     slip = rng.uniform(0.02, 0.06) * (1.0 + wander(count, rng, 1.5, 0.1)) * (1.0 if load is None else load)
     passing = slots * turned(mains / pairs * (1.0 - slip))
     for shift, level in ((-2, 0.12), (0, 0.2), (2, 0.16)):
-        out += sine(passing + shift * pulse, count, level * rng.uniform(0.4, 1.6) * np.exp(wander(count, rng, 1.0, 0.3)))
+        out += sine(
+            passing + shift * pulse, count, level * rng.uniform(0.4, 1.6) * np.exp(wander(count, rng, 1.0, 0.3))
+        )
     return out
 
 
@@ -333,7 +336,9 @@ def rolling(count: int, rng: Generator, speed: Array, top: float, noise: Array) 
     and no second of a source may be silent, so all machines here have half the range in decibels.
     """
     turns = turned(speed)
-    swing = 1.0 + 0.1 * np.sin(2 * np.pi * turns + wander(count, rng, 0.5, 0.5)) + 0.05 * np.sin(4 * np.pi * turns + 1.0)
+    swing = (
+        1.0 + 0.1 * np.sin(2 * np.pi * turns + wander(count, rng, 0.5, 0.5)) + 0.05 * np.sin(4 * np.pi * turns + 1.0)
+    )
     swing = swing * np.exp(wander(count, rng, 2.0, 0.05))
     return np.asarray(noise * expand(np.sqrt(np.abs(speed) / top) * swing, count))
 
@@ -377,17 +382,20 @@ def synchronous_pump(count: int, rng: Generator, mains: float, body: Body, air: 
     marks = np.arange(0.0, turns[-1], 0.5)
     times = np.interp(marks + rng.normal(0, 0.03, len(marks)), turns, np.arange(len(turns)) / CONTROL_RATE)
     index = np.clip((times * SAMPLE_RATE).astype(np.int64), 0, count - 1)
-    force = np.where(np.arange(len(marks)) % 2 == 0, 1.0, rng.uniform(0.3, 0.8)) * np.exp(rng.normal(0, 0.35, len(marks)))
+    force = np.where(np.arange(len(marks)) % 2 == 0, 1.0, rng.uniform(0.3, 0.8)) * np.exp(
+        rng.normal(0, 0.35, len(marks))
+    )
     force *= 0.5 + air[np.minimum((times * CONTROL_RATE).astype(np.int64), len(air) - 1)]
     train = np.zeros(count)
     np.add.at(train, index, force)
-    flow = sloped(count, rng, 250, 3500, -5.0)
+    flow = sloped(count, rng, 250, 6000, -4.5, beyond=-9.0)
     return 0.35 * hum + 1.6 * driven(train, body) + 0.45 * flow * expand(0.6 + air, count)
 
 
 def unbalance(speed: Array, resonance: float, damping: float) -> Array:
-    """Control curve of a suspended tub's swing over its unbalance: r²/√((1 − r²)² + (2·damping·r)²), r = speed/resonance.
+    """Control curve of a suspended tub's swing over its unbalance.
 
+    Model: r²/√((1 − r²)² + (2·damping·r)²) with r = speed/resonance.
     Source: D. C. Conrad, W. Soedel, On the problem of oscillatory walk of automatic washing machines, Journal of Sound
     and Vibration 188 (1995) 301–314; textbook response of a rotating unbalance.
     """

@@ -19,9 +19,7 @@ _TIMING = "relation of lift angle and amplitude that timing machines use"
 _WARREN = "H. E. Warren's self-starting synchronous motor (1918)"
 
 
-def _voice(
-    name: str, split: Split, mechanism: str, source: str, play: Callable[[int, Generator], Array]
-) -> Voice:
+def _voice(name: str, split: Split, mechanism: str, source: str, play: Callable[[int, Generator], Array]) -> Voice:
     return Voice("clock", name, split, mechanism, source, play)
 
 

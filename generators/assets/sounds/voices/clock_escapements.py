@@ -48,15 +48,22 @@ def beats(count: int, rng: Generator, interval: float, error: float, teeth: int,
 
 
 def ticking(
-    count: int, rng: Generator, times: Array, strokes: Strokes, bodies: Sequence[tuple[Body, float, float]], teeth: int
+    count: int,
+    rng: Generator,
+    times: Array,
+    strokes: Strokes,
+    bodies: Sequence[tuple[Body, float, float]],
+    teeth: int,
+    wear: float = 0.12,
 ) -> Array:
     """Beats as strokes of the escapement into bodies (body, contact in s, gain); tick and tock differ in each stroke.
 
-    The drop falls on another tooth each time, so forces have a pattern that repeats with the wheel, and a random part.
+    The drop falls on another tooth each time, so forces have a pattern (deviation ``wear``, natural logarithm) that
+    repeats with the wheel, and a random part.
     """
     delays, forces = strokes
     index = np.arange(len(times))
-    pattern = np.exp(rng.normal(0, 0.12, 2 * teeth))[index % (2 * teeth)]
+    pattern = np.exp(rng.normal(0, wear, 2 * teeth))[index % (2 * teeth)]
     sides = np.exp(rng.normal(0, 0.3, (2, len(delays))))[index % 2]
     strength = forces * sides * pattern[:, None] * np.exp(rng.normal(0, 0.13, (len(times), len(delays))))
     moments = times[:, None] + delays * np.exp(rng.normal(0, 0.04, (len(times), len(delays))))
@@ -79,7 +86,7 @@ def lever_strokes(rng: Generator, frequency: float, amplitude: float, lift: floa
 
 
 def recoil_strokes(rng: Generator, recoil: float) -> Strokes:
-    """Drop of a tooth on an anchor's pallet, bounces of the train's backlash, and the end of the recoil after ``recoil`` s.
+    """Drop of a tooth on an anchor's pallet, bounces of the train's backlash, the end of the recoil ``recoil`` s later.
 
     Source: A. L. Rawlings, The Science of Clocks and Watches (2nd ed. 1948): the wheel drops on the pallet, is pushed
     back while the pendulum goes on, and returns; M. V. Headrick, IEEE Control Systems Magazine 22 (2002) 41–52.
@@ -109,10 +116,10 @@ def longcase(count: int, rng: Generator) -> Array:
     interval = rng.uniform(0.96, 1.04)
     times = beats(count, rng, interval, rng.uniform(0.0, 0.08), 30, 0.0012)
     strokes = recoil_strokes(rng, rng.uniform(0.1, 0.25))
-    movement = plate(rng, 900, 7500, 26, 0.016, slope=-1.0)
-    case = plate(rng, 110, 1500, 26, rng.uniform(0.02, 0.035), slope=-1.5)
+    movement = plate(rng, 900, 11_000, 30, 0.016, slope=0.3)
+    case = plate(rng, 110, 1500, 26, rng.uniform(0.025, 0.05), slope=-0.8)
     seat = plate(rng, 500, 3200, 18, 0.03)
-    bodies = ((movement, 6e-5, 1.0), (case, 9e-4, rng.uniform(0.7, 1.3)), (seat, 2e-4, 0.7))
+    bodies = ((movement, 3.5e-5, 1.0), (case, 7e-4, rng.uniform(0.35, 0.7)), (seat, 1.5e-4, 1.0))
     out = ticking(count, rng, times, strokes, bodies, 30)
     return np.asarray(
         out + 0.02 * scrape(count, rng, times + 0.05, 0.2, 900) + 0.006 * movement_noise(count, rng, 120, -4.5)
@@ -131,7 +138,7 @@ def kitchen_timer(count: int, rng: Generator) -> Array:
     strokes = lever_strokes(rng, rate / 2, rng.uniform(110, 190), 60.0)
     works = plate(rng, 1600, 9000, 26, 0.02, slope=0.5)
     shell = plate(rng, 420, 4200, 22, rng.uniform(0.035, 0.06), slope=-0.5)
-    out = ticking(count, rng, times, strokes, ((works, 4e-5, 1.0), (shell, 2e-4, rng.uniform(1.0, 2.0))), teeth)
+    out = ticking(count, rng, times, strokes, ((works, 4e-5, 1.0), (shell, 2e-4, rng.uniform(1.0, 2.0))), teeth, 0.25)
     swing = 1.0 + 0.3 * np.sin(2 * np.pi * np.arange(control_count(count)) / CONTROL_RATE * rate / (2 * teeth))
     creaks = np.cumsum(rng.exponential(3.0, count // 44_100 + 8))
     out += 0.25 * struck(count, rng, shell, creaks, np.exp(rng.normal(-1.0, 0.6, len(creaks))), 1e-4, 0.6)
@@ -156,13 +163,20 @@ def carriage_lever(count: int, rng: Generator) -> Array:
 
 def strikes(count: int, rng: Generator, apart: tuple[float, float], spacing: tuple[float, float]) -> list[Array]:
     """Times (s) of the blows of each strike: up to twelve, at an even pace that a fly governs."""
-    found, now = [], rng.uniform(-6.0, 0.5 * apart[1])
-    while now < count / SAMPLE_RATE:
+    found: list[Array] = []
+    now = rng.uniform(-6.0, 0.5 * apart[1])
+    while not found or now < count / SAMPLE_RATE:
         step = rng.uniform(*spacing)
         blows = now + step * np.arange(int(rng.integers(2, 13))) * (1 + 0.004 * rng.normal())
         found.append(blows + rng.normal(0, 0.006, len(blows)))
         now = float(blows[-1]) + rng.uniform(*apart)
     return found
+
+
+def sounding(count: int, groups: Sequence[Array], edges: tuple[float, float, float, float], soft: float) -> Array:
+    """Control curve that rises and falls round each group of times: from and to ``edges`` about its first and last."""
+    times = [[g[0] + edges[0], g[0] + edges[1], g[-1] + edges[2], g[-1] + edges[3]] for g in groups]
+    return course(count, np.concatenate(times).tolist(), [0.0, 1.0, 1.0, 0.0] * len(groups), soft)
 
 
 def mantel_striking(count: int, rng: Generator) -> Array:
@@ -174,21 +188,20 @@ def mantel_striking(count: int, rng: Generator) -> Array:
     """
     rate = rng.uniform(1.6, 2.4)
     times = beats(count, rng, 1.0 / rate, rng.uniform(0.0, 0.06), 36, 0.001)
-    movement = plate(rng, 1100, 8000, 24, 0.014, slope=-1.0)
-    case = plate(rng, 200, 2200, 24, rng.uniform(0.018, 0.03), slope=-1.0)
-    out = 1.3 * ticking(
-        count, rng, times, recoil_strokes(rng, rng.uniform(0.05, 0.12)), ((movement, 7e-5, 1.0), (case, 5e-4, 0.9)), 36
-    )
+    movement = plate(rng, 1100, 11_500, 28, 0.014, slope=0.2)
+    case = plate(rng, 200, 2200, 24, rng.uniform(0.02, 0.035), slope=-0.5)
+    bodies = ((movement, 3.5e-5, 1.3), (case, 4e-4, 0.8))
+    out = ticking(count, rng, times, recoil_strokes(rng, rng.uniform(0.05, 0.12)), bodies, 36)
     base = rng.uniform(55, 90)
-    ratios = np.concatenate([[6.27, 17.55, 34.4, 56.8, 84.9], rng.uniform(4.0, 60.0, 14)])
+    ratios = np.concatenate([[6.27, 17.55, 34.4, 56.8, 84.9], rng.uniform(4.0, 100.0, 15)])
     gong = bar_or_bell(rng, base, np.sort(ratios), rng.uniform(7.0, 12.0), 0.45)
-    whirr = np.zeros(control_count(count))
-    for blows in strikes(count, rng, (14.0, 40.0), (1.2, 2.0)):
-        force = 0.35 * np.exp(rng.normal(0, 0.12, len(blows)))
-        out += drummed(count, rng, gong, blows, force, 2.5e-4, 0.3)
-        out += struck(count, rng, case, blows, 0.4 * force, 8e-4, 0.3)
-        out += struck(count, rng, movement, blows - rng.uniform(0.25, 0.4), 0.5 * force, 1e-4, 0.4)
-        whirr += course(count, [blows[0] - 0.9, blows[0] - 0.6, blows[-1], blows[-1] + 0.5], [0.0, 1.0, 1.0, 0.0], 0.2)
+    struck_hours = strikes(count, rng, (14.0, 40.0), (1.2, 2.0))
+    blows = np.concatenate(struck_hours)
+    force = 0.35 * np.exp(rng.normal(0, 0.12, len(blows)))
+    out += drummed(count, rng, gong, blows, force, 1.2e-4, 0.3)
+    out += struck(count, rng, case, blows, 0.4 * force, 8e-4, 0.3)
+    out += struck(count, rng, movement, blows - rng.uniform(0.25, 0.4), 0.5 * force, 1e-4, 0.4)
+    whirr = sounding(count, struck_hours, (-0.9, -0.6, 0.0, 0.5), 0.2)
     fly = turned(rng.uniform(9.0, 14.0) * (1.0 + wander(count, rng, 1.0, 0.03)))
     buzz = sloped(count, rng, 900, 5000, -3.0) * expand(whirr * (1.0 + 0.7 * np.sin(2 * np.pi * fly)), count)
     return np.asarray(out + 0.03 * buzz + 0.01 * movement_noise(count, rng, 180, -4.0))
@@ -207,8 +220,9 @@ def twin_bell_alarm(count: int, rng: Generator) -> Array:
     strokes = lever_strokes(rng, rate / 2, rng.uniform(170, 250), 60.0)
     ticks = ticking(count, rng, times, strokes, ((works, 4e-5, 1.0), (tin, 2e-4, 1.0)), 15)
     base = rng.uniform(1300, 1900)
-    shells = [bar_or_bell(rng, f, (1.0, 2.35, 3.1, 4.2, 5.7, 6.6, 8.0), rng.uniform(0.7, 1.4), 0.7)
-              for f in (base, base * rng.uniform(1.04, 1.2))]
+    partials = (1.0, 2.35, 3.1, 4.2, 5.7, 6.6, 8.0)
+    pitches = (base, base * rng.uniform(1.04, 1.2))
+    shells = [bar_or_bell(rng, pitch, partials, rng.uniform(0.7, 1.4), 0.7) for pitch in pitches]
     blows, force, now = [np.zeros(0)], [np.zeros(0)], rng.uniform(-8.0, 30.0)
     while now < count / SAMPLE_RATE:
         length, first = rng.uniform(7.0, 14.0), rng.uniform(13.0, 16.0)
@@ -234,26 +248,26 @@ def cuckoo(count: int, rng: Generator) -> Array:
     """
     rate = rng.uniform(1.15, 1.55) * float(rng.choice([1.0, 2.0], p=[0.65, 0.35]))
     times = beats(count, rng, 1.0 / rate, rng.uniform(0.0, 0.12), 24, 0.002)
-    wheels = plate(rng, 1400, 7000, 20, 0.02, slope=-1.0)
-    case = plate(rng, 260, 3000, 26, rng.uniform(0.02, 0.035), slope=-0.8)
-    bodies = ((wheels, 8e-5, 0.9), (case, 3e-4, 1.2))
+    wheels = plate(rng, 1400, 11_000, 26, 0.018, slope=0.5)
+    case = plate(rng, 260, 3000, 26, rng.uniform(0.025, 0.045), slope=-0.3)
+    bodies = ((wheels, 3.5e-5, 1.1), (case, 3e-4, 0.8))
     out = 1.6 * ticking(count, rng, times, recoil_strokes(rng, rng.uniform(0.08, 0.18)), bodies, 24)
     high, third = rng.uniform(620, 760), 2 ** (-rng.uniform(3.4, 4.4) / 12)
-    gong = bar_or_bell(rng, rng.uniform(380, 560), (1.0, 1.5, 2.25, 3.1, 4.3, 5.2, 6.9, 8.3), rng.uniform(1.5, 3.0), 0.6)
-    breath = sloped(count, rng, 400, 4000, -4.0)
-    for calls in strikes(count, rng, (15.0, 40.0), (1.35, 1.9)):
-        out += 0.5 * drummed(count, rng, gong, calls + rng.uniform(0.9, 1.1), 1.0 + 0.0 * calls, 2e-4, 0.3)
-        for start, pitch in ((0.0, high), (rng.uniform(0.3, 0.42), high * third)):
-            moments = calls + start
-            out += struck(count, rng, case, moments - 0.02, 0.5, 4e-4, 0.4)
-            swell = np.zeros(control_count(count))
-            length = rng.uniform(0.26, 0.36)
-            for moment in moments:
-                edges = moment + length * np.array([0.0, 0.12, 0.35, 0.8, 1.0])
-                swell += course(count, edges.tolist(), [0.0, 1.0, 0.9, 0.6, 0.0], 0.03)
-            sag = pitch * (0.955 + 0.045 * np.sqrt(np.clip(swell, 0, 1))) * (1.0 + wander(count, rng, 12.0, 0.003))
-            turns = turned(sag)
-            for harmonic, level in ((1, 0.32), (2, 0.02), (3, 0.07), (5, 0.02), (7, 0.006)):
-                out += sine(harmonic * turns, count, level * swell**1.3 * np.exp(wander(count, rng, 9.0, 0.12)))
-            out += 0.05 * breath * expand(swell, count)
+    gong = bar_or_bell(
+        rng, rng.uniform(380, 560), (1.0, 1.5, 2.25, 3.1, 4.3, 5.2, 6.9, 8.3), rng.uniform(1.5, 3.0), 0.6
+    )
+    called = strikes(count, rng, (15.0, 40.0), (1.35, 1.9))
+    calls = np.concatenate(called)
+    out += 0.5 * drummed(count, rng, gong, calls + rng.uniform(0.9, 1.1), 1.0, 1.5e-4, 0.3)
+    breath = sloped(count, rng, 400, 6000, -4.0)
+    for start, pitch in ((0.0, high), (rng.uniform(0.3, 0.42), high * third)):
+        out += struck(count, rng, case, calls + start - 0.02, 0.5, 4e-4, 0.4)
+        length = rng.uniform(0.26, 0.36)
+        edges = (calls + start)[:, None] + length * np.array([0.0, 0.12, 0.35, 0.8, 1.0])
+        swell = course(count, edges.ravel().tolist(), [0.0, 1.0, 0.9, 0.6, 0.0] * len(calls), 0.03)
+        sag = pitch * (0.955 + 0.045 * np.sqrt(np.clip(swell, 0, 1))) * (1.0 + wander(count, rng, 12.0, 0.003))
+        turns = turned(sag)
+        for harmonic, level in ((1, 0.32), (2, 0.02), (3, 0.07), (5, 0.02), (7, 0.006)):
+            out += sine(harmonic * turns, count, level * swell**1.3 * np.exp(wander(count, rng, 9.0, 0.12)))
+        out += 0.05 * breath * expand(swell, count)
     return np.asarray(out + 0.015 * movement_noise(count, rng, 200, -4.0))

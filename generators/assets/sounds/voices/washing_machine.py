@@ -19,9 +19,7 @@ _SCHEMMANN = "H. Schemmann, dissertation, Eindhoven (1971), on single-phase sync
 _HOLMES = "P. J. Holmes, Journal of Sound and Vibration 84 (1982) 173–189, on bouncing"
 
 
-def _voice(
-    name: str, split: Split, mechanism: str, source: str, play: Callable[[int, Generator], Array]
-) -> Voice:
+def _voice(name: str, split: Split, mechanism: str, source: str, play: Callable[[int, Generator], Array]) -> Voice:
     return Voice("washing_machine", name, split, mechanism, source, play)
 
 

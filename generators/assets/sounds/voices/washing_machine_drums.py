@@ -22,8 +22,8 @@ from generators.assets.sounds.machines import (
     struck,
     synchronous_pump,
     turned,
-    universal_motor,
     unbalance,
+    universal_motor,
     wander,
 )
 from generators.assets.sounds.signals import Array, bubbles
@@ -78,13 +78,13 @@ def direct_drive(count: int, rng: Generator) -> Array:
     speed = np.abs(wash) + spinning(count, rng, spans, "spin", (1.4, 0.3 * top, 0.65 * top, top))
     body = plate(rng, 70, 3600, 40, 0.035, slope=-2.2)
     motor = permanent_magnet_motor(count, rng, speed, top, 24, 36, rng.uniform(7500, 9500))
-    noise = roar(count, rng, rng.uniform(75, 110), -5.8, 3500)
-    water = 0.5 * np.abs(wash) * (0.7 + 0.3 * np.sin(2 * np.pi * turned(wash)))
+    noise = roar(count, rng, rng.uniform(75, 110), -5.6, 4500)
+    water = 0.5 * np.abs(wash) * (0.85 + 0.15 * np.sin(2 * np.pi * turned(wash)))
     return np.asarray(
         0.5 * driven(motor, body)
         + 0.06 * motor
         + 1.5 * rolling(count, rng, speed, top, noise)
-        + 0.22 * laundry(count, rng, wash, cabinet(rng, 45, 800, 0.05), 3, 0.2)
+        + 0.2 * laundry(count, rng, wash, cabinet(rng, 45, 800, 0.05), 3, 0.12)
         + 0.3 * slosh(count, rng, water, (2.5, 11.0), 35.0)
         + 0.2 * residual(count, rng, 70.0)
     )
@@ -108,7 +108,7 @@ def inverter_belt(count: int, rng: Generator) -> Array:
     meshing = sine(turned(speed) * rng.uniform(140, 190), count, 0.08 * np.exp(wander(count, rng, 3.0, 0.5)))
     air = np.clip(0.4 + wander(count, rng, 3.0, 0.3), 0.0, 1.0)
     pump = synchronous_pump(count, rng, 50.0, plate(rng, 180, 2600, 18, 0.05), air)
-    noise = roar(count, rng, rng.uniform(140, 220), -6.0, 6000)
+    noise = roar(count, rng, rng.uniform(80, 130), -5.5, 7000)
     return np.asarray(
         (0.55 * driven(motor, body) + 0.08 * motor + meshing) * expand(flap, count)
         + 1.5 * rolling(count, rng, speed, top, noise)
@@ -125,24 +125,24 @@ def two_speed_filling(count: int, rng: Generator) -> Array:
     turbulence of an orifice (ISO 3822-1 measures such valves: broad, most energy at 1–4 kHz); mains pressure varies.
     """
     spans = programme(count, rng, (("fill", 18, 35), ("wash", 15, 30)))
-    run = reversing(count, rng, (10, 18), (2.0, 3.5), 0.35)
+    run = reversing(count, rng, (10, 18), (1.5, 2.5), 0.35)
     wash = rng.uniform(0.72, 0.85) * run
     filling = gate(count, spans, "fill", 0.15) * np.exp(wander(count, rng, 0.5, 0.08))
     body = cabinet(rng, 70, 1500, 0.045)
     motor = induction_motor(count, rng, 50.0, int(rng.choice([44, 52, 58])), 8)
     on = np.clip(1.6 * np.abs(run), 0.0, 1.0)
-    hiss = sloped(count, rng, rng.uniform(700, 1300), 5500, -2.5, below=5.0, beyond=-10.0)
+    hiss = sloped(count, rng, rng.uniform(700, 1300), 7000, -2.5, below=5.0, beyond=-8.0)
     pipe = driven(hiss, plate(rng, 300, 3000, 10, 0.08))
     splash = filling * (0.5 + 0.3 * np.sin(2 * np.pi * turned(wash)) ** 2)
     relay = np.flatnonzero(np.diff((np.abs(run) > 0.3).astype(int))) / CONTROL_RATE
     return np.asarray(
-        (0.30 * driven(motor, body) + 0.12 * motor) * expand(on, count)
-        + 1.25 * rolling(count, rng, wash, 0.8, roar(count, rng, 120, -7.0)) * 0.6
+        (0.16 * driven(motor, body) + 0.06 * motor) * expand(on, count)
+        + 0.9 * rolling(count, rng, wash, 0.8, roar(count, rng, 85, -6.5))
         + 0.3 * laundry(count, rng, wash, body, 3, 0.15)
-        + (0.16 * hiss + 0.22 * pipe) * expand(filling, count)
+        + (0.24 * hiss + 0.22 * pipe) * expand(filling, count)
         + 0.35 * slosh(count, rng, splash + 0.2 * np.abs(run), (0.9, 6.0), 90.0)
         + 0.25 * struck(count, rng, plate(rng, 700, 5000, 14, 0.03), relay, 1.0, 2e-4)
-        + 0.2 * residual(count, rng)
+        + 0.4 * residual(count, rng)
     )
 
 
@@ -156,17 +156,18 @@ def drain_pump(count: int, rng: Generator) -> Array:
     gulps = np.clip(wander(count, rng, rng.uniform(2.5, 5.0), 0.6) + 0.3, 0.0, 1.2)
     air = 0.08 + slurping * gulps
     mains = float(rng.choice([50.0, 60.0]))
-    pump = synchronous_pump(count, rng, mains, plate(rng, 160, 3200, 24, 0.045, slope=-1.0), air)
+    pump = synchronous_pump(count, rng, mains, plate(rng, 160, 6500, 40, 0.045, slope=-0.7), air)
     crawl = rng.uniform(0.6, 0.8) * reversing(count, rng, (7, 12), (3.0, 6.0), 1.0)
     body = cabinet(rng, 60, 1200, 0.05)
-    hose = driven(sloped(count, rng, 200, 2500, -6.0), plate(rng, 120, 900, 6, 0.12))
+    water = sloped(count, rng, 200, 6000, -4.5, beyond=-9.0)
+    hose = 0.7 * driven(water, plate(rng, 120, 900, 6, 0.12)) + 0.5 * water
     flow = expand((1.0 - 0.4 * slurping) * np.exp(wander(count, rng, 2.0, 0.1)), count)
     return np.asarray(
         0.55 * pump
         + 0.5 * driven(pump, body)
         + 0.4 * hose * flow
         + 0.5 * bubbles(count, rng, 8.0 + 50.0 * expand(slurping * gulps, count), (2.5, 14.0))
-        + 0.5 * rolling(count, rng, crawl, 0.8, roar(count, rng, 100, -7.0))
+        + 0.6 * rolling(count, rng, crawl, 0.8, roar(count, rng, 75, -5.5))
         + 0.15 * laundry(count, rng, crawl, body, 3, 0.1)
         + 0.12 * residual(count, rng)
     )
@@ -176,7 +177,8 @@ def walking_spin(count: int, rng: Generator) -> Array:
     """Small front loader that spins unbalanced on a hard floor: its feet lift and hit the floor, its panels chatter.
 
     Model: a foot bounces when the swing's acceleration exceeds gravity; landings come once per turn at first, then at
-    every second turn or irregularly (the bouncing ball: P. J. Holmes, Journal of Sound and Vibration 84 (1982) 173–189).
+    every second turn or irregularly (the bouncing ball: P. J. Holmes, Journal of Sound and
+    Vibration 84 (1982) 173–189).
     """
     spans = programme(count, rng, (("spin", 25, 45), ("tumble", 10, 18)))
     top, ratio = rng.uniform(7.0, 10.5), rng.uniform(14.5, 17.0)
@@ -223,10 +225,10 @@ def worn_bearing(count: int, rng: Generator) -> Array:
     pump = synchronous_pump(count, rng, 50.0, plate(rng, 240, 2200, 14, 0.06), 0.1 + 0.0 * speed)
     shower = course(count, [0.0], [1.0]) * gate(count, spans, "rinse", 1.0)
     return np.asarray(
-        3.5 * growl
+        2.5 * growl
         + 3.5 * other
         + 0.8 * grinding
-        + 0.9 * rolling(count, rng, speed, top, roar(count, rng, 90, -7.0))
+        + 1.3 * rolling(count, rng, speed, top, roar(count, rng, 60, -5.2, 7000))
         + 0.3 * laundry(count, rng, rinse, body, 4, 0.1)
         + 0.25 * pump * expand(0.1 + shower, count)
         + 0.3 * slosh(count, rng, 0.5 * shower, (0.8, 4.0), 70.0)

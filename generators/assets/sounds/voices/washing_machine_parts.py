@@ -12,6 +12,7 @@ from generators.assets.sounds.machines import (
     CONTROL_RATE,
     Body,
     bursts,
+    coloured,
     control_count,
     course,
     drummed,
@@ -68,7 +69,7 @@ def reversing(
 
 
 def spinning(count: int, rng: Generator, spans: Sequence[Span], name: str, steps: tuple[float, ...]) -> Array:
-    """Control curve of spin speeds: in each phase of that name a ramp with plateaus at ``steps``, then coasting down."""
+    """Control curve of spin speeds: in each phase of that name a ramp with plateaus at ``steps``, then coasting."""
     times, levels = [-1e3], [0.0]
     for each, start, end in spans:
         if each != name:
@@ -93,15 +94,19 @@ def cabinet(rng: Generator, low: float, high: float, loss: float) -> Body:
 
 
 def roar(count: int, rng: Generator, low: float, slope: float, high: float = 5000.0) -> Array:
-    """Broad noise of a running machine through its panels."""
-    return sloped(count, rng, low, high, slope, below=7.0)
+    """Broad noise of a running machine through its panels; less steep above 1 kHz, where openings leak."""
+    middle = slope * np.log2(1000 / low)
+    upper = middle + (slope + 1.5) * np.log2(high / 1000)
+    octaves = {low / 8: -15.0, low: 0.0, 1000: middle, high: upper, 4 * high: upper - 18.0}
+    return coloured(count, rng, octaves)
 
 
 def laundry(count: int, rng: Generator, speed: Array, body: Body, ribs: int, wet: float) -> Array:
     """Laundry that ribs lift and let drop: soft thuds of the drum and flaps of wet cloth, while gravity beats the spin.
 
     Model: a load leaves the drum where gravity exceeds the centripetal force, and lands a fall later (about .2–.35 s);
-    contacts of cloth last some 5–15 ms, so only modes below some 100 Hz are excited well. ``wet`` raises the flaps.
+    contacts of cloth last some ms, so only the deepest modes are excited well. ``wet`` raises the flaps. Buttons and
+    buckles click on the drum now and then.
     """
     moments = passages(turned(speed), ribs)
     index = np.minimum((moments * CONTROL_RATE).astype(np.int64), len(speed) - 1)
@@ -110,18 +115,30 @@ def laundry(count: int, rng: Generator, speed: Array, body: Body, ribs: int, wet
     force = np.exp(rng.normal(0, 0.55, len(moments)))
     thuds = struck(count, rng, body, moments, force, rng.uniform(2e-3, 5e-3), spread=0.5)
     flaps = bursts(count, moments + rng.normal(0, 0.02, len(moments)), force, 0.02, rng.uniform(0.2, 0.4))
-    return thuds + wet * roar(count, rng, 350, -6.0) * expand(flaps, count)
+    lifted = rng.poisson(rng.uniform(0.2, 1.2) * count / SAMPLE_RATE)
+    buttons = np.sort(rng.uniform(0, count / SAMPLE_RATE, lifted))
+    moving = np.abs(speed[np.minimum((buttons * CONTROL_RATE).astype(np.int64), len(speed) - 1)]) > 0.3
+    clicks = struck(
+        count,
+        rng,
+        plate(rng, 1200, 10_000, 18, 0.02),
+        buttons[moving],
+        np.exp(rng.normal(0, 0.8, moving.sum())),
+        4e-5,
+        0.5,
+    )
+    return thuds + wet * roar(count, rng, 350, -5.0) * expand(flaps, count) + 0.8 * clicks
 
 
 def slosh(count: int, rng: Generator, swing: Array, radii_mm: tuple[float, float], rate: float) -> Array:
     """Water that is stirred: noise of the surface with the square of the motion, and bubbles (per second)."""
     lively = np.clip(swing, 0.0, 2.0) * np.exp(wander(count, rng, 4.0, 0.3))
-    noise = sloped(count, rng, 500, 3500, -5.0, below=5.0, beyond=-9.0)
+    noise = sloped(count, rng, 500, 5000, -4.5, below=5.0, beyond=-8.0)
     return noise * expand(lively, count) + 0.5 * bubbles(count, rng, rate * expand(lively, count), radii_mm)
 
 
 def thumps(count: int, rng: Generator, speed: Array, body: Body, resonance: float, damping: float) -> Array:
-    """Blows of an unbalanced tub, once per turn: `unbalance`, largest while the spin passes the suspension's resonance."""
+    """Blows of an unbalanced tub, once per turn, largest while the spin passes the suspension's resonance."""
     turns = turned(speed)
     moments = passages(turns + 0.03 * wander(count, rng, 2.0, 1.0), 1)
     index = np.minimum((moments * CONTROL_RATE).astype(np.int64), control_count(count) - 1)

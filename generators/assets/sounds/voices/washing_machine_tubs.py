@@ -52,15 +52,17 @@ def agitator_gearcase(count: int, rng: Generator) -> Array:
     case = plate(rng, 140, 2400, 26, 0.05, slope=-1.5)
     spin = spinning(count, rng, spans, "spin", (rng.uniform(9.0, 11.0),))
     body = cabinet(rng, 60, 1200, 0.05)
-    motor = induction_motor(count, rng, 60.0, int(rng.choice([34, 44, 48])), int(rng.choice([2, 3])), 0.8 + 0.4 * motion)
+    motor = induction_motor(
+        count, rng, 60.0, int(rng.choice([34, 44, 48])), int(rng.choice([2, 3])), 0.8 + 0.4 * motion
+    )
     teeth = driven(roar(count, rng, 150, -5.0), case) * expand(0.35 * agitating + 0.25 * motion, count)
     surge = 0.12 * agitating + 0.4 * motion**2
     return np.asarray(
-        0.35 * driven(motor, body)
-        + 0.10 * motor
+        0.24 * driven(motor, body)
+        + 0.07 * motor
         + 0.5 * teeth
         + 0.35 * struck(count, rng, case, reversals, force, 1.5e-3, 0.4)
-        + 0.9 * rolling(count, rng, spin + 2.5 * agitating, 10.0, roar(count, rng, 95, -6.5))
+        + 0.9 * rolling(count, rng, spin + 2.5 * agitating, 10.0, roar(count, rng, 65, -5.0, 7000))
         + 0.45 * slosh(count, rng, surge, (2.0, 10.0), 50.0)
         + 0.02 * thumps(count, rng, spin, body, 2.5, 0.2)
         + 0.2 * residual(count, rng)
@@ -85,7 +87,7 @@ def impeller_direct(count: int, rng: Generator) -> Array:
     return np.asarray(
         0.5 * driven(motor, body)
         + 0.10 * motor
-        + 0.9 * rolling(count, rng, speed + 1.5 * wash, top, roar(count, rng, 110, -6.5))
+        + 0.9 * rolling(count, rng, speed + 1.5 * wash, top, roar(count, rng, 90, -5.2, 7000))
         + 0.2 * struck(count, rng, cabinet(rng, 50, 900, 0.07), starts, np.exp(rng.normal(0, 0.4, len(starts))), 4e-3)
         + 0.6 * slosh(count, rng, 0.25 * swirl + 0.12 * np.abs(run), (3.0, 13.0), 60.0)
         + 0.3 * residual(count, rng)
@@ -93,14 +95,14 @@ def impeller_direct(count: int, rng: Generator) -> Array:
 
 
 def twin_tub(count: int, rng: Generator) -> Array:
-    """Twin tub: a capacitor motor and belt turn a pulsator one way for long, a clockwork timer ticks, a spinner wobbles.
+    """Twin tub: a capacitor motor turns a pulsator one way for long, a clockwork timer ticks, a spinner wobbles.
 
     The pulsator (6–8 turns per second) draws a vortex whose surface noise is steady and whose core gulps air; the
     belt slips as it starts. The spinner's basket precesses below its turning speed (a whirling shaft), so its rattle
     beats at the difference. The timer's escapement makes some 5–8 ticks a second.
     """
     spans = programme(count, rng, (("wash", 25, 50), ("spin", 18, 35)))
-    run = reversing(count, rng, (14, 26), (2.5, 4.5), 0.8) * gate(count, spans, "wash", 0.3)
+    run = reversing(count, rng, (14, 26), (2.0, 3.5), 0.8) * gate(count, spans, "wash", 0.3)
     mains = float(rng.choice([50.0, 60.0]))
     spinner = spinning(count, rng, spans, "spin", (rng.uniform(21.0, 24.0),))
     on = np.clip(2.0 * np.abs(run) + spinner / 10.0, 0.0, 1.0)
@@ -115,10 +117,12 @@ def twin_tub(count: int, rng: Generator) -> Array:
     ticks = np.cumsum(1.0 / rng.uniform(5.0, 8.0) + rng.normal(0, 0.003, int(9 * count / 44_100) + 9))
     force = np.exp(rng.normal(0, 0.15, len(ticks)))
     return np.asarray(
-        (0.4 * driven(motor, tub) + 0.16 * motor) * expand(on, count)
-        + 0.8 * rolling(count, rng, spinner + 4.0 * np.abs(run), 22.0, roar(count, rng, 120, -6.0)) * expand(beat, count)
+        (0.26 * driven(motor, tub) + 0.10 * motor) * expand(on, count)
+        + 0.8
+        * rolling(count, rng, spinner + 4.0 * np.abs(run), 22.0, roar(count, rng, 75, -5.2, 7000))
+        * expand(beat, count)
         + 0.45 * slosh(count, rng, vortex + gulps, (1.8, 12.0), 55.0)
         + 0.3 * squeal * expand(starting, count)
         + 0.1 * struck(count, rng, plate(rng, 900, 6000, 18, 0.05), ticks, force, 1.5e-4)
-        + 0.25 * residual(count, rng)
+        + 0.35 * residual(count, rng)
     )
