@@ -87,7 +87,7 @@ def gong(rng: Generator, lowest: float, decay: float, shallow: float) -> list[Mo
             break
         # A shell smaller than the wavelength radiates badly.
         radiated = (base / radius_sound) ** 2 / (1 + (base / radius_sound) ** 2)
-        fall = decay * (base / lowest) ** -rng.uniform(0.55, 0.85)
+        fall = decay * (base / lowest) ** -rng.uniform(0.3, 0.65)
         # No shell is quite round: each mode is a pair, and the pair beats.
         split = rng.uniform(0.0006, 0.006)
         level = radiated * np.exp(rng.normal(0.0, 0.35))
@@ -107,13 +107,13 @@ def stroke(modes: Sequence[Mode], contact: float, seconds: float, rng: Generator
         turn = frequency * contact
         force = abs(np.cos(np.pi * turn) / (1 - 4 * turn**2)) if abs(turn - 0.5) > 0.02 else np.pi / 4
         struck.append((frequency, fall, level * force * np.exp(rng.normal(0.0, 0.3))))
-    return strike(struck, seconds, rng, attack=0.3 * contact)
+    return strike(struck, seconds, rng, attack=0.6 * contact)
 
 
 def click(rng: Generator, seconds: float, low: float, high: float) -> Array:
     """A burst of noise of unit energy that falls by 60 dB in ``seconds``."""
     t = time_axis(int(seconds * SAMPLE_RATE))
-    sections = butter(1, [low, high], "bandpass", fs=SAMPLE_RATE, output="sos")
+    sections = butter(2, [low, high], "bandpass", fs=SAMPLE_RATE, output="sos")
     burst = sosfilt(sections, rng.standard_normal(len(t))) * np.exp(-6.91 * t / seconds)
     return np.asarray(burst / np.sqrt(np.sum(np.square(burst)) + 1e-12))
 
@@ -190,9 +190,12 @@ def handset(rng: Generator) -> Array:
 def resonator(signal: Array, peaks: Sequence[tuple[float, float, float]], direct: float) -> Array:
     """``direct`` times the signal plus resonances of (frequency, quality, gain)."""
     out = direct * signal
+    # A resonator that is fed exact zeros ends in denormal numbers, which are slow.
+    signal = signal + 1e-15
     for frequency, quality, gain in peaks:
-        out = out + gain * lfilter(*iirpeak(frequency, quality, fs=SAMPLE_RATE), signal)
-    return np.asarray(out)
+        b, a = iirpeak(frequency, quality, fs=SAMPLE_RATE)
+        out += lfilter(gain * b, a, signal)
+    return out
 
 
 def piezo(signal: Array, rng: Generator, lowest: tuple[float, float]) -> Array:
@@ -209,7 +212,7 @@ def piezo(signal: Array, rng: Generator, lowest: tuple[float, float]) -> Array:
         (min(first * rng.uniform(4.7, 5.4), 14_000.0), rng.uniform(10, 25), rng.uniform(0.1, 0.3)),
     ]
     wide = butter(1, [0.35 * first, 12_000.0], "bandpass", fs=SAMPLE_RATE, output="sos")
-    return resonator(sosfilt(wide, signal), peaks, rng.uniform(0.08, 0.2))
+    return resonator(sosfilt(wide, signal + 1e-15), peaks, rng.uniform(0.08, 0.2))
 
 
 def loudspeaker(signal: Array, rng: Generator, lowest: tuple[float, float], rub: tuple[float, float]) -> Array:
@@ -224,7 +227,7 @@ def loudspeaker(signal: Array, rng: Generator, lowest: tuple[float, float], rub:
     base = rng.uniform(*lowest)
     sections = butter(2, [base, rng.uniform(6000, 12_000)], "bandpass", fs=SAMPLE_RATE, output="sos")
     drive = rng.uniform(0.3, 1.3)
-    moved = np.tanh(drive * sosfilt(sections, signal) + 0.12) / drive
+    moved = np.tanh(drive * sosfilt(sections, signal + 1e-15) + 0.12) / drive
     envelope = np.sqrt(np.maximum(lfilter([0.004], [1.0, -0.996], np.square(moved)), 0.0))
     moved = moved + rng.uniform(*rub) * envelope * rng.standard_normal(len(signal))
     peaks = [(base * rng.uniform(1.0, 1.3), rng.uniform(1.2, 3.0), rng.uniform(0.3, 0.9))]
@@ -246,3 +249,13 @@ def gate(count: int, bursts: Sequence[tuple[float, float]], rise: float, fall: f
 def unsteady(count: int, rng: Generator, slow: float, fast: float) -> Array:
     """(count,) factor near 1 of an oscillator's frequency: a slow drift and a quick one (standard deviations)."""
     return 1.0 + slow_curve(count, rng, 0.4, slow) + slow_curve(count, rng, 45.0, fast)
+
+
+def wave(phase: Array, amplitudes: Sequence[float] | Array, rng: Generator) -> Array:
+    """Sum of harmonics as `signals.harmonics`, from a table without interpolation (error −80 dB): for long signals."""
+    size = 1 << 15
+    turn = np.arange(size) * (2 * np.pi / size)
+    table = np.zeros(size)
+    for order, amplitude in enumerate(amplitudes, start=1):
+        table += amplitude * np.sin(order * turn + rng.uniform(0, 2 * np.pi))
+    return table[(phase * (size / (2 * np.pi))).astype(np.int64) & (size - 1)]

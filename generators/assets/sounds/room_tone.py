@@ -11,7 +11,7 @@ from generators.assets.sounds.loudness import TARGET_LUFS, integrated_loudness
 from generators.assets.sounds.signals import Array, add_at, strike, time_axis, unit
 
 #: RMS level of the room (dBFS) once the whole is at `TARGET_LUFS`; the floor that no second may go below is −45.
-_ROOM_DBFS = (-39.5, -35.0)
+_ROOM_DBFS = (-41.0, -37.5)
 
 
 def slow_curve(count: int, rng: Generator, rate: float, depth: float) -> Array:
@@ -50,12 +50,12 @@ def room_tone(count: int, rng: Generator) -> Array:
     application in the acoustical design and rating of HVAC systems", Noise Control Engineering 16 (1981)).
     """
     corner = np.exp(rng.uniform(np.log(250.0), np.log(1200.0)))
-    air = sloped_noise(count, rng, rng.uniform(90.0, 220.0), corner, rng.uniform(3000.0, 9000.0))
+    air = sloped_noise(count, rng, rng.uniform(150.0, 400.0), corner, rng.uniform(3000.0, 9000.0))
     air *= np.exp(slow_curve(count, rng, rng.uniform(0.3, 2.0), 0.1))
     mains = float(rng.choice([50.0, 60.0])) * (1 + rng.normal(0.0, 4e-4))
     t = time_axis(count)
     hum = np.zeros(count)
-    for order in rng.choice([2, 3, 4, 5, 6, 8, 10], 3, replace=False):
+    for order in rng.choice([2, 3, 4, 5, 6, 8, 10], 2, replace=False):
         hum += rng.uniform(0.05, 0.35) * np.sin(2 * np.pi * order * mains * t + rng.uniform(0, 2 * np.pi))
     for _ in range(rng.poisson(0.15 * count / SAMPLE_RATE)):
         modes = [(rng.uniform(300, 3000), rng.uniform(0.01, 0.06), rng.uniform(0.3, 1.0)) for _ in range(3)]

@@ -36,7 +36,7 @@ def _strokes(
     for _ in range(number):
         sound = stroke(modes, contact * np.exp(rng.normal(0.0, 0.12)), seconds, rng)
         level = float(np.sqrt(np.sum(np.square(sound[: SAMPLE_RATE // 20]))))
-        add_at(sound, 0, clank[0] * level * click(rng, rng.uniform(0.006, 0.018), 2200.0, 12_000.0))
+        add_at(sound, 0, clank[0] * level * click(rng, rng.uniform(0.006, 0.018), 2200.0, 9000.0))
         thud = strike([(f * rng.uniform(0.97, 1.03), fall, a) for f, fall, a in housing], 0.1, rng, attack=8e-4)
         add_at(sound, 0, clank[1] * level * thud / np.sqrt(np.sum(np.square(thud))))
         kinds.append(sound)
@@ -61,11 +61,11 @@ def uk_desk_bell(count: int, rng: Generator) -> Array:
     Model: shells' ring modes (`bells.gong`), each gong struck once per period of the ringing current.
     """
     low = rng.uniform(1000.0, 1350.0)
-    contact = rng.uniform(4e-5, 9e-5)
+    contact = rng.uniform(3e-5, 7e-5)
     pair = []
     for lowest in (low, low * rng.uniform(1.15, 1.36)):
-        modes = gong(rng, lowest, rng.uniform(0.5, 1.1), rng.uniform(0.78, 0.92))
-        pair.append(_strokes(rng, modes, contact, 0.8, (rng.uniform(0.3, 0.7), rng.uniform(0.03, 0.15))))
+        modes = gong(rng, lowest, rng.uniform(1.2, 3.2), rng.uniform(0.78, 0.92))
+        pair.append(_strokes(rng, modes, contact, 1.8, (rng.uniform(0.3, 0.7), rng.uniform(0.03, 0.15))))
     ringer = Ringer(
         gongs=tuple(pair),
         current=rng.uniform(24.0, 26.5),
@@ -86,11 +86,11 @@ def us_desk_bell(count: int, rng: Generator) -> Array:
     Take: as `uk_desk_bell`; the ring starts slowly when the volume is low.
     """
     low = rng.uniform(680.0, 930.0)
-    contact = rng.uniform(7e-5, 1.4e-4)
+    contact = rng.uniform(5e-5, 1e-4)
     pair, cavities = [], []
     for lowest in (low, low * rng.uniform(1.19, 1.28)):
-        modes = gong(rng, lowest, rng.uniform(1.1, 2.2), rng.uniform(0.86, 0.98))
-        pair.append(_strokes(rng, modes, contact, 1.3, (rng.uniform(0.15, 0.4), rng.uniform(0.1, 0.35)), 4))
+        modes = gong(rng, lowest, rng.uniform(2.2, 5.0), rng.uniform(0.86, 0.98))
+        pair.append(_strokes(rng, modes, contact, 2.8, (rng.uniform(0.15, 0.4), rng.uniform(0.1, 0.35)), 4))
         cavities.append((lowest * rng.uniform(0.95, 1.08), rng.uniform(6.0, 14.0), rng.uniform(0.8, 2.2)))
     if rng.random() < 0.35:
         muffled = rng.uniform(0.25, 0.6)
@@ -116,11 +116,11 @@ def wall_single_gong(count: int, rng: Generator) -> Array:
     Model: shells' ring modes; the decay while the clapper chatters is a third to a half of the free one.
     """
     french = rng.random() < 0.5
-    modes = gong(rng, rng.uniform(430.0, 640.0), rng.uniform(0.7, 1.5), rng.uniform(0.82, 0.95))
+    modes = gong(rng, rng.uniform(430.0, 640.0), rng.uniform(1.5, 3.5), rng.uniform(0.82, 0.95))
     choked = [(f, fall * rng.uniform(0.3, 0.55), level) for f, fall, level in modes]
     contact = rng.uniform(5e-5, 1.1e-4)
-    clank = (rng.uniform(0.5, 1.2), rng.uniform(0.05, 0.25))
-    near, far = (_strokes(rng, choked, contact * wear, 0.7, clank) for wear in (1.0, rng.uniform(1.2, 1.7)))
+    clank = (rng.uniform(0.25, 0.7), rng.uniform(0.05, 0.25))
+    near, far = (_strokes(rng, choked, contact * wear, 0.9, clank) for wear in (1.0, rng.uniform(1.2, 1.7)))
     ringer = Ringer(
         gongs=(near, tuple(rng.uniform(0.5, 0.9) * sound for sound in far)),
         current=rng.uniform(48.5, 51.0) if french else rng.uniform(23.5, 26.5),
@@ -130,7 +130,7 @@ def wall_single_gong(count: int, rng: Generator) -> Array:
     )
     rings = cadence(count, rng, FRANCE if french else GERMANY, (3, 8))
     out = ring(count, rng, ringer, rings)
-    free = _strokes(rng, modes, contact, 1.5, (0.1, 0.05), 3)
+    free = _strokes(rng, modes, contact, 2.6, (0.1, 0.05), 3)
     for _, stop in rings.bursts:
         moment = stop + rng.uniform(0.01, 0.06)
         add_at(out, round(moment * SAMPLE_RATE), rng.uniform(0.4, 0.9) * free[int(rng.integers(0, len(free)))])

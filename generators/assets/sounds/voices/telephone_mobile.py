@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from scipy.signal import butter, lfilter, sosfilt
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
-from generators.assets.sounds.bells import case_modes, gate, loudspeaker, resonator, unsteady
+from generators.assets.sounds.bells import case_modes, gate, loudspeaker, resonator, unsteady, wave
 from generators.assets.sounds.room_tone import over_room_tone, slow_curve
-from generators.assets.sounds.signals import Array, add_at, harmonics, phase_of, strike, time_axis, unit
+from generators.assets.sounds.signals import Array, add_at, phase_of, strike, time_axis, unit
 
 _SCALES = ((0, 2, 4, 7, 9), (0, 2, 4, 5, 7, 9, 11), (0, 3, 5, 7, 10), (0, 2, 3, 7, 8))
 
@@ -104,7 +104,7 @@ def mobile_buzzer_melody(count: int, rng: Generator) -> Array:
     phrases = []
     for _ in range(2):
         turn = phase_of(pitch * unsteady(len(pitch), rng, 0.001, 0.001), len(pitch))
-        phrases.append(level * harmonics(turn, spectrum, rng))
+        phrases.append(level * wave(turn, spectrum, rng))
     out = _placed(count, rng, phrases, (0.5, 2.2), 0.05)
     rattle = np.abs(out) * rng.standard_normal(count) * rng.uniform(0.03, 0.12)
     buzzer = rng.uniform(2000.0, 3100.0)
@@ -122,7 +122,7 @@ def _spun(count: int, rng: Generator, bursts: list[tuple[float, float]], top: fl
     """Speed (revolutions per second) of a small motor that is switched on and off: it takes 40 to 110 ms to follow."""
     lag = rng.uniform(0.04, 0.11) * SAMPLE_RATE
     drive = gate(count, bursts, 0.001, 0.001) * top
-    speed = np.asarray(lfilter([1 / lag], [1.0, 1 / lag - 1.0], drive))
+    speed = np.asarray(lfilter([1 / lag], [1.0, 1 / lag - 1.0], drive + 1e-9))
     return speed * (1 + slow_curve(count, rng, 2.0, 0.01) + slow_curve(count, rng, 30.0, 0.004))
 
 
@@ -163,16 +163,17 @@ def mobile_vibration_wood(count: int, rng: Generator) -> Array:
     speed = _spun(count, rng, bursts, top)
     turn = phase_of(speed, count)
     shaken = (speed / top) ** 2
-    hum = shaken * harmonics(turn, [1.0, 0.5, 0.3, 0.2, 0.15, 0.1, 0.08, 0.05], rng)
+    hum = shaken * wave(turn, [1.0, 0.5, 0.3, 0.2, 0.15, 0.1, 0.08, 0.05], rng)
     hops = _hops(rng, turn, speed, top) * (1 + slow_curve(count, rng, 3.0, 0.3))
     table = [(f, rng.uniform(4, 10), 1.0 / np.sqrt(f / 200)) for f in np.exp(rng.uniform(np.log(90), np.log(900), 5))]
     shell = [(f, rng.uniform(8, 25), rng.uniform(0.3, 1.0)) for f, _, _ in case_modes(rng, 700.0, 5000.0, 6)]
     rattle = lfilter([1.0], [1.0, -np.exp(-1 / (rng.uniform(0.0006, 0.0018) * SAMPLE_RATE))], np.abs(hops))
     noise = sosfilt(butter(1, [1200.0, 8000.0], "bandpass", fs=SAMPLE_RATE, output="sos"), rng.standard_normal(count))
     brush = shaken * noise * rng.uniform(0.003, 0.012)
-    out = resonator(0.06 * hum + hops, table, 0.05) + rng.uniform(0.15, 0.5) * resonator(hops, shell, 0.1)
-    out = out + rng.uniform(0.02, 0.08) * rattle * noise + brush * float(np.std(out)) / 0.02
-    return over_room_tone(sosfilt(butter(2, 90.0, "highpass", fs=SAMPLE_RATE, output="sos"), out), rng)
+    out = resonator(0.03 * hum + hops, table, 0.05) + rng.uniform(0.6, 1.8) * resonator(hops, shell, 0.02)
+    out = out + rng.uniform(0.05, 0.2) * rattle * noise + brush * float(np.std(out)) / 0.02
+    band = butter(2, [90.0, rng.uniform(5000.0, 9000.0)], "bandpass", fs=SAMPLE_RATE, output="sos")
+    return over_room_tone(sosfilt(band, out), rng)
 
 
 def _bar(rng: Generator, pitch: float, seconds: float, hard: float) -> Array:
@@ -212,7 +213,7 @@ def smartphone_marimba(count: int, rng: Generator) -> Array:
     period = float(rng.choice([len(phrases[0]) / SAMPLE_RATE, 1.0, 1.5]))
     starts = np.arange(-1, count / SAMPLE_RATE / period + 1) * period + rng.uniform(0, period)
     buzz = gate(count, [(s, s + 0.5 * period) for s in starts], 0.02, 0.04)
-    buzz *= harmonics(
+    buzz *= wave(
         phase_of(rng.uniform(150.0, 235.0) * unsteady(count, rng, 0.003, 0.002), count),
         [1.0, 0.4, 0.3, 0.25, 0.2, 0.12, 0.1, 0.08],
         rng,

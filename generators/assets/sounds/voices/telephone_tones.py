@@ -18,9 +18,10 @@ from generators.assets.sounds.bells import (
     loudspeaker,
     piezo,
     unsteady,
+    wave,
 )
 from generators.assets.sounds.room_tone import over_room_tone, slow_curve
-from generators.assets.sounds.signals import Array, add_at, harmonics, phase_of, time_axis, unit
+from generators.assets.sounds.signals import Array, add_at, phase_of, time_axis, unit
 
 _NETWORKS = ((UNITED_KINGDOM, 25.0), (NORTH_AMERICA, 20.0), (GERMANY, 25.0), (FRANCE, 50.0))
 
@@ -69,7 +70,7 @@ def ringer_ic_piezo(count: int, rng: Generator) -> Array:
         charge = 1 - np.exp(-t / tilt)
         pitch = high * (ratio + (1 - ratio) * _switched(length, rng, warble, 0.5))
         pitch *= (1 - slump * np.exp(-t / tilt)) * unsteady(length, rng, 0.001, 0.0015)
-        tone = harmonics(phase_of(pitch, length), spectrum, rng)
+        tone = wave(phase_of(pitch, length), spectrum, rng)
         pulsing = 1 + ripple * np.sin(phase_of(2 * current * unsteady(length, rng, 0.003, 0.002), length))
         fade = np.minimum(1.0, t[::-1] / 0.012)
         add_at(out, first, charge * pulsing * fade * tone)
@@ -94,9 +95,9 @@ def ringer_ic_speaker(count: int, rng: Generator) -> Array:
     for first, length in _bursts(count, rings):
         drifting = clock * unsteady(length, rng, 0.0015, 0.001)
         high = _switched(length, rng, clock / divisor, 0.5)
-        tone = harmonics(phase_of(drifting * (0.2 + 0.05 * high), length), spectrum, rng)
-        wave = np.sin(phase_of(current * unsteady(length, rng, 0.004, 0.004), length, rng.uniform(0, 3)))
-        supply = np.clip((np.abs(wave) * (1 - uneven * (wave > 0)) - threshold) / (1 - threshold) * 3.0, 0.0, 1.0)
+        tone = wave(phase_of(drifting * (0.2 + 0.05 * high), length), spectrum, rng)
+        ac = np.sin(phase_of(current * unsteady(length, rng, 0.004, 0.004), length, rng.uniform(0, 3)))
+        supply = np.clip((np.abs(ac) * (1 - uneven * (ac > 0)) - threshold) / (1 - threshold) * 3.0, 0.0, 1.0)
         supply *= 1 + slow_curve(length, rng, 2 * current, 0.06)
         add_at(out, first, tone * supply * np.minimum(1.0, time_axis(length)[::-1] / 0.01))
     return over_room_tone(loudspeaker(unit(out), rng, (380.0, 700.0), (0.02, 0.08)), rng)
