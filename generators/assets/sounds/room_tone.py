@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.random import Generator
+from scipy.fft import irfft, next_fast_len
 from scipy.signal import butter, lfilter, sosfilt
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
@@ -70,3 +73,14 @@ def over_room_tone(signal: Array, rng: Generator) -> Array:
         return signal + 0.05 * room_tone(len(signal), rng)
     level = 10 ** ((rng.uniform(*_ROOM_DBFS) + loudness - TARGET_LUFS) / 20)
     return signal + level * room_tone(len(signal), rng)
+
+
+def spectrum_noise(count: int, rng: Generator, knots: Sequence[float], levels_db: Sequence[float]) -> Array:
+    """Gaussian noise of unit RMS with a spectrum in dB (density) between ``knots`` (Hz), linear over octaves."""
+    size = next_fast_len(max(count, 2), real=True)
+    frequencies = np.fft.rfftfreq(size, 1 / SAMPLE_RATE)
+    octaves = np.log2(np.maximum(frequencies, 1.0))
+    gains = 10 ** (np.interp(octaves, np.log2(knots), levels_db) / 20)
+    gains[0] = 0.0
+    parts = rng.standard_normal((len(gains), 2)) * gains[:, None]
+    return unit(irfft(parts[:, 0] + 1j * parts[:, 1], size)[:count])
