@@ -1,0 +1,130 @@
+"""Streets: passing cars, traffic behind a window, a wet road."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.random import Generator
+from scipy.signal import butter, sosfilt
+
+from avs3d_bench.contract.layout import SAMPLE_RATE
+from generators.assets.sounds.bells import resonator, unsteady, wave
+from generators.assets.sounds.room_tone import slow_curve, spectrum_noise
+from generators.assets.sounds.signals import Array, phase_of, time_axis, unit
+
+_SOUND = 343.0
+#: Spectrum (Hz, dB) of rolling tyres: the peak between 700 and 1300 Hz, 7 dB/octave above; of engines and exhausts.
+_TYRES = ((50, 200, 600, 1000, 2000, 4000, 8000, 16_000), (-22, -13, -5, 0, -6, -15, -26, -44))
+_ENGINES = ((40, 70, 120, 250, 500, 1000, 2000, 5000, 16_000), (-6, 0, -1, -5, -9, -14, -20, -32, -55))
+
+
+def _pass(t: Array, moment: float, distance: float, speed: float) -> tuple[Array, Array]:
+    """(level, Doppler factor) of a vehicle that is nearest at ``moment``: 1/r, and 1/(1 + v·x/(r·c))."""
+    x = speed * (t - moment)
+    range_ = np.sqrt(distance**2 + x**2)
+    return distance / range_, 1 / (1 + speed * x / (range_ * _SOUND))
+
+
+def _engine(rng: Generator, doppler: Array, speed: float, cylinders: int) -> Array:
+    """Firing of an engine: half orders of the shaft, stronger at the firing frequency, through an exhaust."""
+    count = len(doppler)
+    turns = rng.uniform(22.0, 30.0) + speed * rng.uniform(0.5, 1.2)
+    phase = phase_of(0.5 * turns * doppler * unsteady(count, rng, 0.01, 0.004), count)
+    orders = np.arange(1, 48)
+    firing = orders % cylinders == 0
+    level = np.where(firing, 1.0, rng.uniform(0.1, 0.35)) * orders**-0.8 * np.exp(rng.normal(0, 0.3, len(orders)))
+    return unit(wave(phase, level, rng))
+
+
+def _traffic(
+    count: int, rng: Generator, gap: float, speeds: tuple[float, float], distance: tuple[float, float]
+) -> tuple[Array, Array, Array]:
+    """Levels of vehicles over time: (tyres, tyres near by (steeper), engines as sound); a Poisson stream.
+
+    Args:
+        count: samples.
+        rng: the only source of randomness.
+        gap: mean seconds between vehicles.
+        speeds: range (m/s).
+        distance: range of the nearest distance (m).
+    """
+    seconds = count / SAMPLE_RATE
+    tyres, near, engines = np.zeros(count), np.zeros(count), np.zeros(count)
+    moment = -5.0
+    while moment < seconds + 5:
+        speed, away = rng.uniform(*speeds), rng.uniform(*distance)
+        reach = 9.0 * away / speed
+        first, last = max(0, int((moment - reach) * SAMPLE_RATE)), min(count, int((moment + reach) * SAMPLE_RATE))
+        if last > first:
+            t = np.arange(first, last) / SAMPLE_RATE
+            level, doppler = _pass(t, moment, away, speed)
+            level *= np.sqrt(np.clip((reach - np.abs(t - moment)) / (0.4 * reach), 0.0, 1.0))
+            loud = rng.lognormal(0.0, 0.3) * (speed / 12.0) ** 1.5 * distance[0] / away
+            tyres[first:last] += np.square(loud * level)
+            near[first:last] += np.square(loud * level**2)
+            cylinders = int(rng.choice([3, 4, 4, 6]))
+            engines[first:last] += rng.uniform(0.3, 1.5) * loud * level * _engine(rng, doppler, speed, cylinders)
+        moment += rng.exponential(gap)
+    return np.sqrt(tyres), np.sqrt(near), engines
+
+
+def passing_cars(count: int, rng: Generator) -> Array:
+    """A town street some metres away: cars pass one by one, each louder and brighter as it is near; a distant road.
+
+    Unit: traffic (a car every 3–8 s), distance, speeds. Take: times, vehicles, a distant rumble. Model: rolling noise
+    with its peak at 700–1300 Hz (Sandberg 2003) and 1/r, engines with Doppler shift.
+    """
+    tyres, near, engines = _traffic(count, rng, rng.uniform(3.0, 8.0), (7.0, 15.0), (5.0, 14.0))
+    peak = rng.uniform(0.75, 1.25)
+    rolling = spectrum_noise(count, rng, [f * peak for f in _TYRES[0]], _TYRES[1])
+    sizzle = spectrum_noise(count, rng, [400, 1500, 4000, 9000, 16_000], [-22, -6, 0, -8, -30])
+    far = spectrum_noise(count, rng, *_ENGINES) * np.exp(slow_curve(count, rng, 0.3, 0.25))
+    return tyres * rolling + 0.3 * near * sizzle + 0.25 * engines + rng.uniform(0.12, 0.3) * far
+
+
+def closed_window(count: int, rng: Generator) -> Array:
+    """A busy road behind closed windows: the pane takes the high, and rings near its coincidence; a bus idles."""
+    tyres, near, engines = _traffic(count, rng, rng.uniform(1.2, 2.5), (9.0, 18.0), (12.0, 30.0))
+    rolling = spectrum_noise(count, rng, *_TYRES)
+    far = spectrum_noise(count, rng, *_ENGINES) * np.exp(slow_curve(count, rng, 0.2, 0.3))
+    outside = tyres * rolling + 0.6 * engines + 0.35 * far
+    idle = wave(
+        phase_of(rng.uniform(9.0, 13.0) * unsteady(count, rng, 0.01, 0.01), count), np.arange(1, 31) ** -0.5, rng
+    )
+    outside += 0.2 * unit(idle) * np.clip(0.3 + slow_curve(count, rng, 0.06, 0.7), 0.0, 1.0)
+    # Mass law: 6 dB per octave; a leak at the frame lets a little of all pass.
+    pane = sosfilt(butter(1, rng.uniform(120.0, 350.0), fs=SAMPLE_RATE, output="sos"), outside)
+    coincidence = [(rng.uniform(2400.0, 3500.0), 1.5, 0.02), (rng.uniform(180.0, 320.0), 2.0, 0.2)]
+    leak = resonator(outside, coincidence, rng.uniform(0.01, 0.04))
+    return pane + leak + 0.02 * near * rolling
+
+
+def wet_road_engines(count: int, rng: Generator) -> Array:
+    """A wet road with motorcycles: spray hisses above 2 kHz behind each vehicle; engines that change gear; rain."""
+    tyres, near, _ = _traffic(count, rng, rng.uniform(3.5, 7.0), (8.0, 17.0), (6.0, 15.0))
+    t = time_axis(count)
+    out = np.zeros(count)
+    moment = rng.uniform(0.0, 8.0)
+    while moment < count / SAMPLE_RATE + 4:
+        speed, away = rng.uniform(9.0, 20.0), rng.uniform(6.0, 12.0)
+        level, doppler = _pass(t, moment, away, speed)
+        heard = level > 0.08
+        first, last = (int(np.argmax(heard)), count - int(np.argmax(heard[::-1]))) if heard.any() else (0, 0)
+        if last > first:
+            n = last - first
+            saw = np.mod(time_axis(n) / rng.uniform(1.2, 2.4) + rng.uniform(), 1.0)
+            turns = rng.uniform(28.0, 45.0) * (1 + 0.7 * saw) * doppler[first:last]
+            orders = np.arange(1, 60)
+            firing = np.where(orders % int(rng.choice([1, 2, 4])) == 0, 1.0, 0.3) * orders**-0.55
+            pulses = wave(phase_of(turns * unsteady(n, rng, 0.005, 0.01), n), firing, rng)
+            exhaust = resonator(
+                unit(pulses), [(rng.uniform(180, 420), 2.5, 1.0), (rng.uniform(700, 1500), 3, 0.5)], 0.3
+            )
+            out[first:last] += level[first:last] * np.clip(level[first:last] * 3 - 0.24, 0, 1) * (0.5 + saw) * exhaust
+        moment += rng.exponential(14.0) + 3.0
+    rolling = spectrum_noise(count, rng, *_TYRES)
+    spray = spectrum_noise(count, rng, [300, 1200, 3000, 6500, 12_000, 16_000], [-18, -6, 0, -2, -10, -30])
+    rain = spectrum_noise(count, rng, [200, 1000, 4000, 9000, 16_000], [-14, -6, 0, -3, -24])
+    rain *= np.exp(slow_curve(count, rng, 0.4, 0.15) + slow_curve(count, rng, 40.0, 0.12))
+    far = spectrum_noise(count, rng, *_ENGINES)
+    wet = tyres * (0.6 * rolling + 0.8 * spray) + 0.4 * near * spray
+    return wet + rng.uniform(0.4, 1.0) * out + rng.uniform(0.08, 0.25) * rain + 0.15 * far
