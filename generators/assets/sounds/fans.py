@@ -1,12 +1,14 @@
 """Fans and rotors: slow curves at a control rate, turbulent noise, tones of rotating parts, bodies that radiate.
 
 Slow curves (speeds, envelopes) have one value per `HOP` samples; `expand` gives them a value per sample. Spectra are
-in dB at `GRID`, as sums of `slopes`, `modes` and `ripple`; filters made of them have minimum phase.
+in dB at `GRID`, as sums of `slopes`, `modes` and `ripple`; filters made of them have minimum phase. Signals are
+float32, which halves the time of a voice.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -15,6 +17,9 @@ from scipy.signal import oaconvolve
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
 from generators.assets.sounds.signals import Array, drift
+
+#: Samples of a signal.
+Signal = NDArray[np.float32]
 
 #: Samples per value of a slow curve, and values per second.
 HOP = 64
@@ -32,10 +37,12 @@ def frames(count: int) -> int:
     return count // HOP + 2
 
 
-def expand(curve: Array, count: int) -> Array:
+def expand(curve: Array, count: int) -> Signal:
     """(count,) samples of a slow curve, interpolated linearly."""
-    steps = np.diff(curve)[:, None] * (np.arange(HOP) / HOP)
-    return np.asarray((curve[:-1, None] + steps).reshape(-1)[:count])
+    values = curve.astype(np.float32)
+    out = np.diff(values)[:, None] * (np.arange(HOP, dtype=np.float32) / HOP)
+    out += values[:-1, None]
+    return np.asarray(out.reshape(-1)[:count])
 
 
 def slow(count: int, rng: Generator, rate: float, depth: float) -> Array:
@@ -45,7 +52,15 @@ def slow(count: int, rng: Generator, rate: float, depth: float) -> Array:
 
 def turns_of(speed: Array, count: int, start: float = 0.0) -> Array:
     """(count,) angle in turns of a rotor whose speed (turns per second) is a slow curve."""
-    return start + np.cumsum(expand(speed, count)) / SAMPLE_RATE
+    turns = np.cumsum(expand(speed, count), dtype=np.float64)
+    turns *= 1.0 / SAMPLE_RATE
+    turns += start
+    return np.asarray(turns)
+
+
+def cosine(turns: Array) -> Signal:
+    """(n,) cosine of an angle in turns."""
+    return np.cos((np.mod(turns, 1.0) * (2 * np.pi)).astype(np.float32))
 
 
 def spells(count: int, rng: Generator, gap: tuple[float, float], length: tuple[float, float], soft: float) -> Array:
@@ -123,26 +138,27 @@ def filter_of(gains_db: Array) -> Array:
     return np.asarray(response * np.hanning(2 * _TAPS)[_TAPS:])
 
 
-def radiated(signal: Array, gains_db: Array) -> Array:
+def radiated(signal: NDArray[np.floating[Any]], gains_db: Array) -> Signal:
     """The signal through a body with those gains at `GRID`."""
     taps = filter_of(gains_db).astype(np.float32)
-    return np.asarray(oaconvolve(signal.astype(np.float32), taps)[: len(signal)], dtype=np.float64)
+    return np.asarray(oaconvolve(signal.astype(np.float32), taps)[: len(signal)], dtype=np.float32)
 
 
-def noise(count: int, rng: Generator, gains_db: Array) -> Array:
+def noise(count: int, rng: Generator, gains_db: Array) -> Signal:
     """Gaussian noise of unit RMS with that power spectrum (dB at `GRID`)."""
     taps = filter_of(gains_db)
     taps = (taps / np.sqrt(np.sum(np.square(taps)))).astype(np.float32)
     white = rng.standard_normal(count + _TAPS, dtype=np.float32)
-    return np.asarray(oaconvolve(white, taps)[_TAPS : _TAPS + count], dtype=np.float64)
+    return np.asarray(oaconvolve(white, taps)[_TAPS : _TAPS + count], dtype=np.float32)
 
 
 def turbulence(rng: Generator, peak: float, fall: float, rise: float = 4.0, rough: float = 1.5) -> Array:
     """Spectrum (dB at `GRID`) of the broadband noise of a fan: a wide hump at ``peak`` (Hz).
 
     Rises with ``rise`` and falls with ``fall`` dB per octave, steeper by a half above three octaves: the loading noise
-    of blades in turbulent flow. Model: A. Guédel, "Fan Acoustics: Noise Generation and Control Methods", AMCA (2007),
-    chapter 1: broadband spectra of centrifugal and axial fans are humps under the tones of the blades.
+    of blades in turbulent flow. Filters, linings and the air take 12 dB more at 16 kHz. Model: A. Guédel, "Fan
+    Acoustics: Noise Generation and Control Methods", AMCA (2007), chapter 1: broadband spectra of centrifugal and axial
+    fans are humps under the tones of the blades.
     """
     points = [
         (peak / 16, -4.0 * rise),
@@ -152,12 +168,12 @@ def turbulence(rng: Generator, peak: float, fall: float, rise: float = 4.0, roug
         (8 * peak, -2.8 * fall),
         (32 * peak, -5.8 * fall),
     ]
-    return slopes(points) + ripple(rng, rough)
+    return slopes(points) + ripple(rng, rough) - 12.0 * np.square(GRID / 16_000.0)
 
 
 def rotor(
     turns: Array, orders: Mapping[int, float], rng: Generator, top: float, wander: float = 0.25, rough: float = 0.12
-) -> Array:
+) -> Signal:
     """Tones at multiples of a rotor's speed, with levels that nothing holds constant.
 
     Two patterns over a turn, with phases of their own, are mixed by slow curves, so each order's amplitude and phase
@@ -176,10 +192,10 @@ def rotor(
     """
     heard = {order: level for order, level in orders.items() if order * top < _HIGHEST}
     if not heard:
-        return np.zeros(len(turns))
+        return np.zeros(len(turns), dtype=np.float32)
     place = (turns * _TABLE).astype(np.int64) & (_TABLE - 1)
     scale = np.sqrt(2.0 / sum(level**2 for level in heard.values()))
-    out = np.zeros(len(turns))
+    out = np.zeros(len(turns), dtype=np.float32)
     for mean in (1.0, 0.0):
         spectrum = np.zeros(_TABLE // 2 + 1, dtype=np.complex128)
         for order, level in heard.items():
@@ -217,7 +233,7 @@ def moments(count: int, rng: Generator, rate: Array | float) -> NDArray[np.int64
 
 def impacts(
     count: int, rng: Generator, rate: Array | float, body: Array, spread: float = 1.0, decay: float = 0.06
-) -> Array:
+) -> Signal:
     """Small impacts on a body: peak about 1, levels log-normal.
 
     Args:
@@ -230,13 +246,13 @@ def impacts(
     """
     at = moments(count, rng, rate)
     if not len(at):
-        return np.zeros(count)
+        return np.zeros(count, dtype=np.float32)
     return struck(count, rng, at, np.exp(rng.normal(-0.5, spread, len(at))), body, decay)
 
 
 def struck(
     count: int, rng: Generator, at: NDArray[np.int64], force: Array, body: Array, decay: float, click: float = 0.4
-) -> Array:
+) -> Signal:
     """Impacts at given samples: the ringing of ``body``, begun by a contact of about ``click`` milliseconds."""
     pulses = np.zeros(count, dtype=np.float32)
     inside = (at >= 0) & (at < count)
@@ -246,7 +262,7 @@ def struck(
     contact = np.hanning(max(3, int(click * SAMPLE_RATE / 1000)) + 2)
     ringing = np.convolve(ringing, contact / contact.sum())
     ringing /= np.abs(ringing).max()
-    return np.asarray(oaconvolve(pulses, ringing.astype(np.float32))[:count], dtype=np.float64)
+    return np.asarray(oaconvolve(pulses, ringing.astype(np.float32))[:count], dtype=np.float32)
 
 
 def decibels(level: float) -> float:

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.random import Generator
 
 from generators.assets.sounds.fans import (
+    Signal,
+    cosine,
     decibels,
     expand,
     impacts,
@@ -66,7 +68,8 @@ def canister_hard_floor(count: int, rng: Generator) -> Array:
         + 1.2 * joints
         + 0.7 * grit
         + surroundings(count, rng, take.speed)
-        + switch(count, rng, take.switched, 1.5)
+        + switch(count, rng, take.switched, 1.5),
+        dtype=np.float64,
     )
 
 
@@ -86,7 +89,7 @@ def canister_turbo_carpet(count: int, rng: Generator) -> Array:
     buckets = int(rng.integers(12, 19))
     turns = turns_of(spin, count, rng.random())
     howl = rotor(turns, {1: 0.25, 2: 0.12, buckets: 1.0, 2 * buckets: 0.35}, rng, 330.0, 0.3, 0.2)
-    beat = 0.5 + 0.5 * np.cos(2 * np.pi * (2.0 * turns / rng.uniform(4.0, 6.0)))
+    beat = 0.5 + 0.5 * cosine(2.0 * turns / rng.uniform(4.0, 6.0))
     pile = scraping(count, rng, 0.35 + take.motion * take.contact, rng.uniform(350.0, 800.0), 6.0, 2.0)
     thump = noise(count, rng, slopes([(60.0, -3.0), (150.0, 0.0), (700.0, -16.0), (3000.0, -34.0)]) + ripple(rng, 2.0))
     air = noise(count, rng, turbulence(rng, rng.uniform(350.0, 650.0), rng.uniform(5.0, 7.0)) + hose(rng, 2.6, 8.0))
@@ -98,7 +101,8 @@ def canister_turbo_carpet(count: int, rng: Generator) -> Array:
         + decibels(rng.uniform(-9.0, -3.0)) * pile * (0.5 + beat) * expand(np.minimum(take.speed, 1.0), count)
         + decibels(rng.uniform(-12.0, -5.0)) * thump * beat**2 * loud
         + 0.25 * debris(count, rng, take.motion * np.minimum(take.speed, 1.0), 10.0, 800.0, 3000.0)
-        + surroundings(count, rng, take.speed)
+        + surroundings(count, rng, take.speed),
+        dtype=np.float64,
     )
 
 
@@ -120,7 +124,7 @@ def bagged_dimmed(count: int, rng: Generator) -> Array:
     cycle = turns_of(2.0 * mains, count, rng.random())
     angle = np.clip(1.05 - take.speed, 0.05, 0.7) * (1.0 + slow(count, rng, 8.0, 0.02))
     place = np.mod(cycle, 1.0)
-    fired = np.sin(np.pi * place) * (place > expand(angle, count))
+    fired = np.sin(np.pi * place.astype(np.float32)) * (place > expand(angle, count))
     buzz = radiated(
         np.diff(fired, prepend=0.0), housing(rng, 300.0, 2500.0, 12.0) + slopes([(400.0, 0.0), (6400.0, -30.0)])
     )
@@ -135,11 +139,12 @@ def bagged_dimmed(count: int, rng: Generator) -> Array:
         + decibels(rng.uniform(-12.0, -6.0)) * brush
         + 0.3 * debris(count, rng, take.motion * np.minimum(take.speed, 1.0), 8.0, 1000.0, 4000.0)
         + surroundings(count, rng, take.speed)
-        + switch(count, rng, take.switched, 0.8)
+        + switch(count, rng, take.switched, 0.8),
+        dtype=np.float64,
     )
 
 
-def _brush_roll(count: int, rng: Generator, spin: Array, strips: int, peak: float) -> tuple[Array, Array]:
+def _brush_roll(count: int, rng: Generator, spin: Array, strips: int, peak: float) -> tuple[Signal, Signal]:
     """A brush roll on the floor: (noise of the bristles in bursts, knocks of the roll, belt and bearings)."""
     turns = turns_of(spin, count, rng.random())
     beat = rotor(turns, {1: 0.5, strips: 1.0, 2 * strips: 0.4}, rng, 120.0, 0.3, 0.15)
@@ -178,7 +183,8 @@ def upright_carpet(count: int, rng: Generator) -> Array:
         + decibels(rng.uniform(-3.0, 2.0)) * bristles * pile
         + 0.5 * debris(count, rng, np.minimum(take.speed, 1.0) * take.motion, 14.0, 700.0, 3500.0)
         + surroundings(count, rng, take.speed)
-        + switch(count, rng, take.switched, 2.0)
+        + switch(count, rng, take.switched, 2.0),
+        dtype=np.float64,
     )
 
 
@@ -218,7 +224,8 @@ def upright_cyclone(count: int, rng: Generator) -> Array:
         + 0.5 * impacts(count, rng, 90.0 * circling, bin_body, 0.6, 0.02)
         + 0.6 * debris(count, rng, busy, 20.0, 1200.0, 5000.0)
         + surroundings(count, rng, take.speed)
-        + switch(count, rng, take.switched, 1.2)
+        + switch(count, rng, take.switched, 1.2),
+        dtype=np.float64,
     )
 
 

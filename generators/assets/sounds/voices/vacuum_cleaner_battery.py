@@ -11,6 +11,7 @@ from generators.assets.sounds.fans import (
     CONTROL_RATE,
     approach,
     blades,
+    cosine,
     decibels,
     expand,
     frames,
@@ -72,7 +73,7 @@ def stick(count: int, rng: Generator) -> Array:
     teeth = int(rng.integers(11, 17))
     belt = rotor(roll, {1: 0.5, 2: 0.4, 3: 0.3, teeth: 1.0, 2 * teeth: 0.6, 3 * teeth: 0.3}, rng, 62.0, 0.3, 0.25)
     sweep = scraping(count, rng, 0.3 + take.contact * (0.4 + 0.6 * take.motion), rng.uniform(500.0, 1100.0), 4.5, 2.5)
-    sweep *= 1.0 + 0.35 * np.cos(2 * np.pi * 2.0 * roll)
+    sweep *= 1.0 + 0.35 * cosine(2.0 * roll)
     rumble = noise(count, rng, slopes([(70.0, -6.0), (180.0, 0.0), (700.0, -10.0), (3000.0, -28.0)]) + ripple(rng, 2.0))
     loud = expand(take.flow**2.5, count)
     running = expand(np.minimum(take.speed, 1.0), count)
@@ -86,9 +87,10 @@ def stick(count: int, rng: Generator) -> Array:
             housing(rng, 250.0, 2500.0, 8.0),
         )
         + decibels(rng.uniform(-8.0, -2.0)) * rumble * floor * running
-        + 0.7 * debris(count, rng, take.motion * running[0] * np.minimum(take.speed, 1.0), 15.0, 1500.0, 6000.0)
+        + 0.7 * debris(count, rng, take.motion * np.minimum(take.speed, 1.0), 15.0, 1500.0, 6000.0)
         + surroundings(count, rng, take.speed)
-        + switch(count, rng, take.switched, 1.0)
+        + switch(count, rng, take.switched, 1.0),
+        dtype=np.float64,
     )
 
 
@@ -137,7 +139,8 @@ def hand_brushed(count: int, rng: Generator) -> Array:
         + decibels(-4.0) * whistle * expand(take.sealed * low, count)
         + debris(count, rng, take.contact * low, 22.0, 1800.0, 7000.0)
         + surroundings(count, rng, take.speed)
-        + switch(count, rng, take.switched, 2.0)
+        + switch(count, rng, take.switched, 2.0),
+        dtype=np.float64,
     )
 
 
@@ -180,7 +183,7 @@ def robot(count: int, rng: Generator) -> Array:
     fan = turns_of(top * boost * (1.0 + slow(count, rng, 0.5, 0.004)), count, rng.random())
     tones = rotor(fan, blades(int(rng.integers(7, 12)), rng, 0.3, 3, 0.4), rng, 1.4 * top, 0.2, 0.15)
     air = noise(count, rng, turbulence(rng, rng.uniform(700.0, 1300.0), rng.uniform(4.5, 6.5)))
-    gears = np.zeros(count)
+    gears = np.zeros(count, dtype=np.float32)
     pinion = int(rng.integers(8, 13))
     for wheel in (left, right):
         spin = rng.uniform(70.0, 110.0) * np.abs(wheel) * (1.0 + slow(count, rng, 6.0, 0.01) - 0.05 * rug)
@@ -193,7 +196,7 @@ def robot(count: int, rng: Generator) -> Array:
     bristles = noise(count, rng, turbulence(rng, rng.uniform(2200.0, 4500.0), 5.0, 6.0, 2.5)) * flick
     roll = turns_of(rng.uniform(12.0, 20.0) * (1.0 - 0.1 * rug + slow(count, rng, 3.0, 0.01)), count, rng.random())
     drum = rotor(roll, {k: rng.uniform(0.3, 1.0) for k in range(2, 26)}, rng, 20.0, 0.3, 0.3)
-    sweep = noise(count, rng, turbulence(rng, rng.uniform(400.0, 800.0), 5.0)) * (1.0 + 0.4 * np.cos(4 * np.pi * roll))
+    sweep = noise(count, rng, turbulence(rng, rng.uniform(400.0, 800.0), 5.0)) * (1.0 + 0.4 * cosine(2.0 * roll))
     drive = np.abs(left + right) / 2
     wheels = scraping(count, rng, drive, rng.uniform(110.0, 220.0), 6.0, 3.0)
     joints = impacts(
@@ -221,5 +224,6 @@ def robot(count: int, rng: Generator) -> Array:
         + decibels(rng.uniform(-8.0, -2.0)) * sweep * expand(0.5 + rug, count)
         + decibels(rng.uniform(-10.0, -4.0)) * wheels
         + 1.4 * (joints + thuds)
-        + 0.5 * debris(count, rng, drive, 12.0, 1500.0, 6000.0)
+        + 0.5 * debris(count, rng, drive, 12.0, 1500.0, 6000.0),
+        dtype=np.float64,
     )

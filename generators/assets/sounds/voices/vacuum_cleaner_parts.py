@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from avs3d_bench.contract.layout import SAMPLE_RATE
 from generators.assets.sounds.fans import (
     CONTROL_RATE,
+    Signal,
     approach,
     blades,
+    cosine,
     decibels,
     expand,
     impacts,
@@ -114,7 +116,7 @@ def work(count: int, rng: Generator, habit: Habit) -> Work:
     return Work(np.maximum(speed, 0.004), contact, motion, push, sealed, switched)
 
 
-def universal_motor(count: int, rng: Generator, speed: Array, impeller: int, rough: float, ripple_db: float) -> Array:
+def universal_motor(count: int, rng: Generator, speed: Array, impeller: int, rough: float, ripple_db: float) -> Signal:
     """A universal motor with its impeller, at about unit RMS and full speed.
 
     Orders of the shaft (imbalance, bent vanes), the blade-passing tone, the commutator's bars; the torque pulsates at
@@ -142,8 +144,8 @@ def universal_motor(count: int, rng: Generator, speed: Array, impeller: int, rou
     mains = float(rng.choice([50.0, 60.0])) * (1.0 + slow(count, rng, 0.3, 4e-4))
     cycle = turns_of(2.0 * mains, count, rng.random())
     torque = rotor(cycle, {1: 1.0, 2: rng.uniform(0.15, 0.7), 3: rng.uniform(0.03, 0.2)}, rng, 130.0, 0.15, 0.05)
-    current = 0.5 + 0.5 * np.cos(2 * np.pi * cycle)
-    sparks = noise(count, rng, slopes([(1500.0, -14.0), (4500.0, 0.0), (9000.0, -6.0), (16_000.0, -14.0)]))
+    current = 0.5 + 0.5 * cosine(cycle)
+    sparks = noise(count, rng, slopes([(1500.0, -14.0), (4500.0, 0.0), (9000.0, -6.0), (16_000.0, -20.0)]))
     return np.asarray(
         full * tones * (1.0 + rng.uniform(0.05, 0.3) * (current - 0.5))
         + full * decibels(ripple_db) * torque
@@ -170,14 +172,14 @@ def housing(rng: Generator, low: float, high: float, strength: float) -> Array:
     return modes(peaks) + ripple(rng, 1.5)
 
 
-def scraping(count: int, rng: Generator, motion: Array, peak: float, fall: float, grain: float) -> Array:
+def scraping(count: int, rng: Generator, motion: Array, peak: float, fall: float, grain: float) -> Signal:
     """Noise of something drawn over a floor; its level follows the speed, with the grain of the floor (dB)."""
     body = slopes([(peak / 4, -8.0), (peak, 0.0), (4 * peak, -2 * fall), (16 * peak, -5 * fall)]) + ripple(rng, 2.0)
     level = motion**1.3 * np.exp(slow(count, rng, 25.0, grain / 8.7))
     return noise(count, rng, body) * expand(level, count)
 
 
-def debris(count: int, rng: Generator, busy: Array, rate: float, low: float, high: float) -> Array:
+def debris(count: int, rng: Generator, busy: Array, rate: float, low: float, high: float) -> Signal:
     """Grit and crumbs that hit tube, hose and bin; they come in bursts while the nozzle moves."""
     bursts = np.maximum(0.0, 0.3 + slow(count, rng, 1.2, 0.7)) ** 2
     middle = float(np.sqrt(low * high))
@@ -185,7 +187,7 @@ def debris(count: int, rng: Generator, busy: Array, rate: float, low: float, hig
     return impacts(count, rng, rate * busy * bursts, body + ripple(rng, 5.0, 6.0), 0.8, rng.uniform(0.012, 0.04))
 
 
-def surroundings(count: int, rng: Generator, speed: Array) -> Array:
+def surroundings(count: int, rng: Generator, speed: Array) -> Signal:
     """Heard while the motor is off: handling, wheels, cable and clothes over the noise of the room."""
     idle = np.clip(1.0 - 2.0 * speed, 0.0, 1.0)
     rubbing = np.exp(slow(count, rng, 6.0, 0.6)) * idle
@@ -194,7 +196,7 @@ def surroundings(count: int, rng: Generator, speed: Array) -> Array:
     return soft * expand(0.06 + 0.10 * rubbing, count) + 0.6 * knocks
 
 
-def switch(count: int, rng: Generator, at: NDArray[np.int64], force: float) -> Array:
+def switch(count: int, rng: Generator, at: NDArray[np.int64], force: float) -> Signal:
     """The click of the switch whenever the motor is started or stopped."""
     body = slopes([(300.0, -6.0), (1800.0, 0.0), (5000.0, -4.0), (12_000.0, -16.0)]) + ripple(rng, 4.0)
     return struck(count, rng, at, force * rng.uniform(0.6, 1.2, len(at)), body, 0.03)

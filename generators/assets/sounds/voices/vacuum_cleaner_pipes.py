@@ -7,6 +7,7 @@ from numpy.random import Generator
 
 from generators.assets.sounds.fans import (
     CONTROL_RATE,
+    Signal,
     blades,
     decibels,
     expand,
@@ -77,11 +78,12 @@ def wet_dry(count: int, rng: Generator) -> Array:
         + decibels(rng.uniform(-14.0, -7.0)) * scrape
         + 1.2 * radiated(chips, modes(drum[1:]))
         + surroundings(count, rng, take.speed)
-        + switch(count, rng, take.switched, 2.0)
+        + switch(count, rng, take.switched, 2.0),
+        dtype=np.float64,
     )
 
 
-def _singing(count: int, rng: Generator, flow: Array) -> Array:
+def _singing(count: int, rng: Generator, flow: Array) -> Signal:
     """Tones of a corrugated hose: vortices of the corrugations lock on one mode of the hose after another.
 
     Model: Strouhal number of 0.4 to 0.6 by the pitch of the corrugations; the frequency stays at a mode c/2L·n while
@@ -139,5 +141,6 @@ def central(count: int, rng: Generator) -> Array:
         + 0.8 * flaps
         + 0.6 * debris(count, rng, take.contact * np.minimum(take.speed, 1.0), 25.0, 900.0, 5000.0)
         + surroundings(count, rng, take.speed)
-        + switch(count, rng, take.switched, 1.0)
+        + switch(count, rng, take.switched, 1.0),
+        dtype=np.float64,
     )
