@@ -30,6 +30,8 @@ GRID: Array = np.linspace(0.0, SAMPLE_RATE / 2, _TAPS + 1)
 #: Points per turn of a rotor's table, and the highest frequency of a tone (Hz).
 _TABLE = 1 << 16
 _HIGHEST = 16_000.0
+#: Up to this number, impacts are added one by one, which is faster than a convolution.
+_FEW = 1500
 
 
 def frames(count: int) -> int:
@@ -254,15 +256,30 @@ def struck(
     count: int, rng: Generator, at: NDArray[np.int64], force: Array, body: Array, decay: float, click: float = 0.4
 ) -> Signal:
     """Impacts at given samples: the ringing of ``body``, begun by a contact of about ``click`` milliseconds."""
-    pulses = np.zeros(count, dtype=np.float32)
     inside = (at >= 0) & (at < count)
-    np.add.at(pulses, at[inside], force[inside] * rng.choice([-1.0, 1.0], int(inside.sum())))
+    places = at[inside]
+    forces = (force[inside] * rng.choice([-1.0, 1.0], len(places))).astype(np.float32)
+    out = np.zeros(count, dtype=np.float32)
+    if not len(places):
+        return out
     length = min(_TAPS, int(decay * 2 * SAMPLE_RATE))
     ringing = noise(length, rng, body) * np.exp(-6.91 * np.arange(length) / (decay * SAMPLE_RATE))
     contact = np.hanning(max(3, int(click * SAMPLE_RATE / 1000)) + 2)
     ringing = np.convolve(ringing, contact / contact.sum())
-    ringing /= np.abs(ringing).max()
-    return np.asarray(oaconvolve(pulses, ringing.astype(np.float32))[:count], dtype=np.float32)
+    piece = (ringing / np.abs(ringing).max()).astype(np.float32)
+    if len(places) > _FEW:
+        np.add.at(out, places, forces)
+        return np.asarray(oaconvolve(out, piece)[:count], dtype=np.float32)
+    for place, strength in zip(places, forces, strict=True):
+        stop = min(count, place + len(piece))
+        out[place:stop] += strength * piece[: stop - place]
+    return out
+
+
+def passages(turns: Array, per_turn: float, rng: Generator) -> NDArray[np.int64]:
+    """Samples (within 1.5 ms) at which a rotor passes each of ``per_turn`` evenly spaced marks."""
+    marks = np.flatnonzero(np.diff(np.floor(turns[::HOP] * per_turn + rng.random())))
+    return np.asarray(marks * HOP + rng.integers(0, HOP, len(marks)), dtype=np.int64)
 
 
 def decibels(level: float) -> float:
