@@ -186,8 +186,9 @@ HOUSE = {
         "trivial": "",
         "owod_bind": "networks",
         "denseav": "networks",
-        "listener": "networks",
-        "echosegnet": "oracle_errors oracle",
+        "sound_control": "",
+        "listener": "networks sound_control",
+        "echosegnet": "oracle_errors oracle sound_control",
         "cli": "oracle_errors oracle deaf trivial owod_bind denseav listener echosegnet",
     },
 }

@@ -139,7 +139,7 @@ def tones(turns: Array, count: int, levels: Mapping[int, float], rng: Generator,
 
 
 @dataclass(frozen=True)
-class Body:
+class VibratingBody:
     """A part that rings when struck: (modes,) frequencies (Hz), times to fall by 60 dB (s), gains, phases (rad)."""
 
     frequencies: Array
@@ -154,17 +154,17 @@ class Body:
         ring *= np.sin(2 * np.pi * self.frequencies[:, None] * t + self.phases[:, None])
         return np.asarray(ring * (1.0 - np.exp(-t / 8e-5)))
 
-    def joined(self, other: Body, gain: float = 1.0) -> Body:
+    def joined(self, other: VibratingBody, gain: float = 1.0) -> VibratingBody:
         """Both as one body; the other's gains are multiplied by ``gain``."""
         pairs = zip(
             (self.frequencies, self.decays, self.gains, self.phases),
             (other.frequencies, other.decays, gain * other.gains, other.phases),
             strict=True,
         )
-        return Body(*(np.concatenate(pair) for pair in pairs))
+        return VibratingBody(*(np.concatenate(pair) for pair in pairs))
 
 
-def plate(rng: Generator, low: float, high: float, number: int, loss: float, slope: float = 0.0) -> Body:
+def plate(rng: Generator, low: float, high: float, number: int, loss: float, slope: float = 0.0) -> VibratingBody:
     """Modes of a thin-walled part: even density in Hz, as for bending waves of plates.
 
     Source: L. Cremer, M. Heckl, B. A. T. Petersson, Structure-Borne Sound, 3rd ed. (2005): modal density of plates, and
@@ -182,21 +182,27 @@ def plate(rng: Generator, low: float, high: float, number: int, loss: float, slo
     losses = loss * np.exp(rng.normal(0, 0.35, number))
     decays = np.clip(2.2 / (frequencies * losses), 0.003, 1.6)
     gains = 10 ** ((slope * np.log2(frequencies / low) + rng.normal(0, 4.0, number)) / 20)
-    return Body(frequencies, decays, gains, rng.uniform(-0.6, 0.6, number))
+    return VibratingBody(frequencies, decays, gains, rng.uniform(-0.6, 0.6, number))
 
 
-def bar_or_bell(rng: Generator, base: float, ratios: Sequence[float], decay: float, fall: float = 1.0) -> Body:
+def bar_or_bell(rng: Generator, base: float, ratios: Sequence[float], decay: float, fall: float = 1.0) -> VibratingBody:
     """A tuned part: partials at ``ratios`` of ``base``, decays ``decay``·ratio^−fall, each with a twin (beats)."""
     exact = base * np.asarray(ratios) * np.exp(rng.normal(0, 0.006, len(ratios)))
     frequencies = np.concatenate([exact, exact * (1 + rng.uniform(0.0006, 0.004, len(ratios)))])
     decays = np.tile(decay * np.asarray(ratios) ** -fall, 2) * np.exp(rng.normal(0, 0.15, 2 * len(ratios)))
     gains = np.exp(rng.normal(0, 0.4, 2 * len(ratios))) * np.repeat([1.0, 0.5], len(ratios))
     kept = frequencies < 15_000
-    return Body(frequencies[kept], decays[kept], gains[kept], rng.uniform(-0.6, 0.6, int(kept.sum())))
+    return VibratingBody(frequencies[kept], decays[kept], gains[kept], rng.uniform(-0.6, 0.6, int(kept.sum())))
 
 
 def struck(
-    count: int, rng: Generator, body: Body, times: ArrayLike, forces: ArrayLike, contact: float, spread: float = 0.25
+    count: int,
+    rng: Generator,
+    body: VibratingBody,
+    times: ArrayLike,
+    forces: ArrayLike,
+    contact: float,
+    spread: float = 0.25,
 ) -> Array:
     """A body struck at times (s) with forces by contacts that last ``contact`` seconds.
 
@@ -217,7 +223,13 @@ def struck(
 
 
 def drummed(
-    count: int, rng: Generator, body: Body, times: ArrayLike, forces: ArrayLike, contact: float, spread: float = 0.25
+    count: int,
+    rng: Generator,
+    body: VibratingBody,
+    times: ArrayLike,
+    forces: ArrayLike,
+    contact: float,
+    spread: float = 0.25,
 ) -> Array:
     """Like `struck`, for thousands of blows: each is one of three points of contact, of a fixed duration."""
     index = np.rint(np.asarray(times, dtype=np.float64) * SAMPLE_RATE).astype(np.int64)
@@ -236,7 +248,7 @@ def drummed(
     return np.asarray(out)
 
 
-def driven(signal: Array, body: Body) -> Array:
+def driven(signal: Array, body: VibratingBody) -> Array:
     """A body driven by a force signal (its modes' response at unit energy)."""
     response = body.gains @ body.waves()
     response /= np.sqrt(np.sum(np.square(response)))
@@ -343,7 +355,7 @@ def rolling(count: int, rng: Generator, speed: Array, top: float, noise: Array) 
     return np.asarray(noise * expand(np.sqrt(np.abs(speed) / top) * swing, count))
 
 
-def bearing_defect(count: int, rng: Generator, speed: Array, balls: int, body: Body) -> Array:
+def bearing_defect(count: int, rng: Generator, speed: Array, balls: int, body: VibratingBody) -> Array:
     """Impacts of balls on a pit in the outer ring, at .4·balls per turn with slip, heavier in the loaded half-turn.
 
     Source: P. D. McFadden, J. D. Smith, Model for the vibration produced by a single point defect in a rolling element
@@ -362,7 +374,7 @@ def bearing_defect(count: int, rng: Generator, speed: Array, balls: int, body: B
     return driven(train, body)
 
 
-def synchronous_pump(count: int, rng: Generator, mains: float, body: Body, air: Array) -> Array:
+def synchronous_pump(count: int, rng: Generator, mains: float, body: VibratingBody, air: Array) -> Array:
     """A drain pump with a two-pole permanent-magnet rotor: it swings at mains frequency, its coupling rattles.
 
     Model: torque and radial force at twice the mains frequency; the impeller's dog hits its stop once or twice per

@@ -8,7 +8,7 @@ from numpy.random import Generator
 from avs3d_bench.contract.layout import SAMPLE_RATE
 from generators.assets.sounds.machines import (
     CONTROL_RATE,
-    Body,
+    VibratingBody,
     bursts,
     control_count,
     driven,
@@ -42,7 +42,11 @@ def step_strokes(rng: Generator, swing: float, damping: float, pulse: float) -> 
 
 
 def stepping(
-    count: int, rng: Generator, times: Array, strokes: tuple[Array, Array], bodies: list[tuple[Body, float, float]]
+    count: int,
+    rng: Generator,
+    times: Array,
+    strokes: tuple[Array, Array],
+    bodies: list[tuple[VibratingBody, float, float]],
 ) -> Array:
     """Steps of alternate polarity (two kinds of step), whose force changes over the wheel's turns."""
     delays, forces = strokes
@@ -98,7 +102,7 @@ def sweep_quartz(count: int, rng: Generator) -> Array:
     )
 
 
-def synchronous_hum(count: int, rng: Generator, mains: float, body: Body) -> Array:
+def synchronous_hum(count: int, rng: Generator, mains: float, body: VibratingBody) -> Array:
     """A synchronous clock motor: coil and rotor at twice the mains frequency and overtones, a buzz of loose iron."""
     pulse = mains_turns(count, rng, mains)
     levels = {

@@ -10,7 +10,7 @@ from numpy.random import Generator
 from avs3d_bench.contract.layout import SAMPLE_RATE
 from generators.assets.sounds.machines import (
     CONTROL_RATE,
-    Body,
+    VibratingBody,
     bar_or_bell,
     bursts,
     control_count,
@@ -52,7 +52,7 @@ def ticking(
     rng: Generator,
     times: Array,
     strokes: Strokes,
-    bodies: Sequence[tuple[Body, float, float]],
+    bodies: Sequence[tuple[VibratingBody, float, float]],
     teeth: int,
     wear: float = 0.12,
 ) -> Array:

@@ -10,7 +10,7 @@ from numpy.random import Generator
 from avs3d_bench.contract.layout import SAMPLE_RATE
 from generators.assets.sounds.machines import (
     CONTROL_RATE,
-    Body,
+    VibratingBody,
     bursts,
     coloured,
     control_count,
@@ -88,7 +88,7 @@ def spinning(count: int, rng: Generator, spans: Sequence[Span], name: str, steps
     return course(count, [*times, 1e9], [*levels, 0.0], 0.4) * (1.0 + wander(count, rng, 0.6, 0.003))
 
 
-def cabinet(rng: Generator, low: float, high: float, loss: float) -> Body:
+def cabinet(rng: Generator, low: float, high: float, loss: float) -> VibratingBody:
     """Sheet-steel cabinet with its tub: modes from ``low`` to ``high`` (Hz), the deep ones louder."""
     return plate(rng, low, high, 26, loss, slope=-1.5)
 
@@ -101,7 +101,7 @@ def roar(count: int, rng: Generator, low: float, slope: float, high: float = 500
     return coloured(count, rng, octaves)
 
 
-def laundry(count: int, rng: Generator, speed: Array, body: Body, ribs: int, wet: float) -> Array:
+def laundry(count: int, rng: Generator, speed: Array, body: VibratingBody, ribs: int, wet: float) -> Array:
     """Laundry that ribs lift and let drop: soft thuds of the drum and flaps of wet cloth, while gravity beats the spin.
 
     Model: a load leaves the drum where gravity exceeds the centripetal force, and lands a fall later (about .2–.35 s);
@@ -137,7 +137,7 @@ def slosh(count: int, rng: Generator, swing: Array, radii_mm: tuple[float, float
     return noise * expand(lively, count) + 0.5 * bubbles(count, rng, rate * expand(lively, count), radii_mm)
 
 
-def thumps(count: int, rng: Generator, speed: Array, body: Body, resonance: float, damping: float) -> Array:
+def thumps(count: int, rng: Generator, speed: Array, body: VibratingBody, resonance: float, damping: float) -> Array:
     """Blows of an unbalanced tub, once per turn, largest while the spin passes the suspension's resonance."""
     turns = turned(speed)
     moments = passages(turns + 0.03 * wander(count, rng, 2.0, 1.0), 1)

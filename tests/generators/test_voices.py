@@ -1,0 +1,77 @@
+"""The voices: each is of one split, has a model, repeats for a seed, differs between seeds, and is never silent."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from avs3d_bench.contract.taxonomy import CATEGORIES
+from avs3d_bench.errors import UsageError
+from generators.assets.sounds import SECOND_FLOOR_DB, TARGET_LUFS, Voice, find_voice, synthesise, voices
+from generators.assets.sounds.capture import captured
+from generators.assets.sounds.loudness import integrated_loudness
+
+SR = 44_100
+ALL = [voice for category in CATEGORIES for voice in voices(category)]
+#: Categories that have voices.
+VOICED = sorted({voice.category for voice in ALL})
+
+
+def name_of(voice: Voice) -> str:
+    return f"{voice.category}/{voice.name}"
+
+
+@pytest.mark.parametrize("category", VOICED)
+def test_a_category_has_eight_devices_of_three_mechanisms_in_all_splits(category: str) -> None:
+    found = voices(category)
+    assert len({voice.name for voice in found}) == len(found) >= 8
+    assert len({voice.mechanism for voice in found}) >= 3
+    assert {voice.split for voice in found} == {"train", "validation", "test"}
+    assert all(voice.category == category and voice.source and voice.kind == "synthesised" for voice in found)
+    # Test voices are of mechanisms that training knows, and of others.
+    trained = {voice.mechanism for voice in found if voice.split == "train"}
+    assert {voice.mechanism for voice in found if voice.split == "test"} - trained
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("voice", ALL, ids=name_of)
+def test_a_voice_repeats_for_a_seed_is_never_silent_and_has_no_seam_of_silence(voice: Voice) -> None:
+    samples = synthesise(voice.category, 12, np.random.default_rng(3), voice)
+    assert samples.tobytes() == synthesise(voice.category, 12, np.random.default_rng(3), voice.name).tobytes()
+    other = synthesise(voice.category, 12, np.random.default_rng(4), voice)
+    assert np.corrcoef(samples, other)[0, 1] < 0.5
+    assert integrated_loudness(np.float64(samples), SR) == pytest.approx(TARGET_LUFS, abs=1.0)
+    levels = 10 * np.log10(np.mean(np.square(np.float64(samples).reshape(12, SR)), axis=1))
+    assert levels.min() > SECOND_FLOOR_DB
+    # No digital silence between events: in every 50 ms there is something.
+    short = np.square(np.float64(samples[: 240 * 2205]).reshape(240, 2205)).mean(axis=1)
+    assert short.min() > 1e-12
+
+
+def test_a_length_of_one_second_works_too() -> None:
+    for category in VOICED:
+        assert synthesise(category, 1, np.random.default_rng(0), voices(category)[0]).shape == (SR,)
+
+
+def test_unknown_voices_are_one_line() -> None:
+    with pytest.raises(UsageError, match=r"^clock has no voice 'sundial'; expected one of longcase, "):
+        find_voice("clock", "sundial")
+    with pytest.raises(UsageError, match="did you mean 'clock'"):
+        voices("clok")
+
+
+def test_a_capture_ends_the_spectrum_and_puts_a_floor_under_silence() -> None:
+    rng = np.random.default_rng(5)
+    burst = rng.standard_normal(2 * SR) * (np.arange(2 * SR) < SR)
+    ends, floors = [], []
+    for seed in range(12):
+        heard = captured(burst, np.random.default_rng(seed))
+        power = np.abs(np.fft.rfft(heard[:SR])) ** 2
+        total = np.cumsum(power) / power.sum()
+        ends.append(float(np.searchsorted(total, 0.98)))
+        floors.append(10 * np.log10(np.mean(np.square(heard[-SR // 2 :])) / np.mean(np.square(heard[:SR]))))
+    assert 5000 < min(ends) < 12_000
+    assert max(ends) > 14_000
+    assert -66 < min(floors) < max(floors) < -30
+    assert np.ptp(floors) > 10
+    assert not captured(np.zeros(SR), np.random.default_rng(0)).any()
