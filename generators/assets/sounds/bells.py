@@ -13,7 +13,7 @@ from numpy.random import Generator
 from scipy.signal import butter, iirpeak, lfilter, sosfilt
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
-from generators.assets.sounds.room_tone import slow_curve
+from generators.assets.sounds.room_tone import slow_curve, upsampled
 from generators.assets.sounds.signals import Array, add_at, strike, time_axis
 
 #: A mode of a struck body: frequency, time to fall by 60 dB, amplitude.
@@ -249,6 +249,14 @@ def gate(count: int, bursts: Sequence[tuple[float, float]], rise: float, fall: f
 def unsteady(count: int, rng: Generator, slow: float, fast: float) -> Array:
     """(count,) factor near 1 of an oscillator's frequency: a slow drift and a quick one (standard deviations)."""
     return 1.0 + slow_curve(count, rng, 0.4, slow) + slow_curve(count, rng, 45.0, fast)
+
+
+def turning(count: int, rng: Generator, frequency: float, slow: float, fast: float) -> Array:
+    """(count,) phase (radians) of an oscillator whose frequency is `unsteady`, from a random start."""
+    step = 441
+    curve = unsteady((count // step + 2) * step, rng, slow, fast)[::step]
+    cycles = np.cumsum(np.concatenate([[rng.uniform()], curve * (frequency * step / SAMPLE_RATE)]))
+    return 2 * np.pi * upsampled(cycles, step, count)
 
 
 def wave(phase: Array, amplitudes: Sequence[float] | Array, rng: Generator) -> Array:

@@ -14,7 +14,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
-from generators.assets.sounds.room_tone import spectrum_noise
+from generators.assets.sounds.room_tone import spectrum_noise, upsampled
 from generators.assets.sounds.signals import Array, add_at, time_axis
 
 #: Formants of ten vowels, means of 33 men (G. E. Peterson & H. L. Barney, JASA 24 (1952) 175–184).
@@ -38,7 +38,7 @@ _LOCI = np.array([(250, 900, 2200), (250, 1800, 2700), (250, 2200, 2600)], dtype
 _HIGHER = (3400.0, 4500.0)
 _BANDWIDTHS = (70.0, 90.0, 140.0, 220.0, 300.0)
 #: Values per second of the curves of pitch, formants and levels.
-_CURVES = 250
+_CURVES = 245
 _GRAIN = int(0.022 * SAMPLE_RATE)
 _STEPS = 48
 
@@ -198,7 +198,10 @@ def noises(count: int, rng: Generator) -> tuple[Array, Array, Array]:
         ((300, 1500, 2800, 5000, 12_000), (-34, -12, 0, -6, -28)),
         ((200, 1000, 4000, 9000, 15_000), (-14, -8, -6, -4, -20)),
     )
-    first, second, third = (spectrum_noise(count, rng, *shape) for shape in shapes)
+    # Consonants are short and far apart: some seconds of noise serve for minutes.
+    lengths = (min(count, int(seconds * SAMPLE_RATE)) for seconds in (17.3, 19.1, 23.7))
+    stretches = (spectrum_noise(n, rng, *shape) for n, shape in zip(lengths, shapes, strict=True))
+    first, second, third = (np.resize(noise, count) for noise in stretches)
     return first, second, third
 
 
@@ -214,10 +217,11 @@ def speak(count: int, rng: Generator, who: Talker, turbulence: tuple[Array, Arra
     seconds = count / SAMPLE_RATE
     score = _score(seconds, rng, who)
     out = _voicing(count, rng, who, score)
-    t = time_axis(count) * _CURVES
     shift = int(rng.integers(0, max(1, count)))
-    scale = 0.5 * float(np.sqrt(np.mean(np.square(out))) + 1e-9)
+    scale = 0.8 * float(np.sqrt(np.mean(np.square(out))) + 1e-9)
     for number, noise in enumerate(turbulence):
         curve = score.noises[:, number] + (who.breath * score.voiced if number == 2 else 0.0)
-        out = out + scale * np.roll(noise, shift) * np.interp(t, np.arange(len(curve)), curve)
+        level = upsampled(scale * curve, SAMPLE_RATE // _CURVES, count)
+        out[shift:] += noise[: count - shift] * level[shift:]
+        out[:shift] += noise[count - shift :] * level[:shift]
     return out

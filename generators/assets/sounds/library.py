@@ -8,6 +8,9 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+# The folder `voices` is imported here once, so that no later import of it replaces the function of that name in the
+# package.
+import generators.assets.sounds.voices  # noqa: F401
 from avs3d_bench.contract.layout import SAMPLE_RATE
 from avs3d_bench.contract.taxonomy import check_category
 from avs3d_bench.errors import Avs3dError, UsageError

@@ -7,7 +7,7 @@ from numpy.random import Generator
 from scipy.signal import butter, lfilter, sosfilt
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
-from generators.assets.sounds.bells import loudspeaker, unsteady, wave
+from generators.assets.sounds.bells import loudspeaker, turning, unsteady, wave
 from generators.assets.sounds.formants import Talker, noises, speak, talker
 from generators.assets.sounds.room_tone import over_room_tone, slow_curve, spectrum_noise
 from generators.assets.sounds.signals import Array, add_at, phase_of, time_axis, unit
@@ -96,7 +96,10 @@ def _bark(rng: Generator, pitch: float, seconds: float, harsh: float, formants: 
 def _dog_formants(rng: Generator, length: float) -> list[tuple[float, float]]:
     """Formants of a tube of ``length`` (m), closed at the larynx: odd multiples of c/4L (Riede & Fitch 1999)."""
     base = 350.0 / (4 * length)
-    return [(base * (2 * k - 1) * rng.uniform(0.92, 1.08), 60 + 0.08 * base * (2 * k - 1)) for k in range(1, 6)]
+    return [
+        (base * (2 * k - 1) * rng.uniform(0.92, 1.08), 60 + 0.08 * base * (2 * k - 1))
+        for k in range(1, int(5000.0 / base) + 2)
+    ]
 
 
 def _series(rng: Generator, seconds: float, within: tuple[float, float], between: tuple[float, float]) -> list[float]:
@@ -173,7 +176,7 @@ def whine_and_bark(count: int, rng: Generator) -> Array:
             tone = wave(phase_of(slide * unsteady(n, rng, 0.003, 0.006), n), [1.0, 0.2, 0.1, 0.04], rng)
             piece = 0.5 * np.sin(np.pi * t) ** 0.6 * (tone + 0.08 * rng.standard_normal(n))
         else:
-            pulses = wave(phase_of(rng.uniform(30, 80) * unsteady(n, rng, 0.05, 0.06), n), np.ones(60), rng)
+            pulses = wave(turning(n, rng, rng.uniform(30, 80), 0.05, 0.06), np.ones(60), rng)
             piece = 0.5 * np.sin(np.pi * t) ** 0.4 * unit(_tract(pulses + rng.standard_normal(n), formants))
         add_at(out, int(now * SAMPLE_RATE), rng.uniform(0.5, 1.0) * piece)
         now += seconds + rng.uniform(0.15, 1.4)

@@ -7,7 +7,7 @@ from numpy.random import Generator
 from scipy.signal import butter, iirpeak, lfilter, sosfilt
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
-from generators.assets.sounds.bells import case_modes, click, gate, resonator, unsteady, wave
+from generators.assets.sounds.bells import case_modes, click, gate, resonator, turning, unsteady, wave
 from generators.assets.sounds.room_tone import over_room_tone, slow_curve, spectrum_noise
 from generators.assets.sounds.signals import Array, add_at, bubbles, phase_of, strike, time_axis, unit
 
@@ -52,7 +52,7 @@ def spray_arms(count: int, rng: Generator) -> Array:
     mains = float(rng.choice([50.0, 60.0]))
     turns = mains * (1 - rng.uniform(0.02, 0.06)) * unsteady(count, rng, 0.002, 0.001)
     pump = _pump(count, rng, turns, int(rng.integers(5, 9)), (1.0, 0.6, 0.2, 0.15))
-    hum = wave(phase_of(2 * mains * unsteady(count, rng, 1e-4, 5e-5), count), [1.0, 0.35, 0.25, 0.1, 0.08], rng)
+    hum = wave(turning(count, rng, 2 * mains, 1e-4, 5e-5), [1.0, 0.35, 0.25, 0.1, 0.08], rng)
     arm = rng.uniform(0.33, 0.75) * (1 + slow_curve(count, rng, 0.3, 0.05))
     jets = _jets(count, rng, arm, -rng.uniform(0.0, 2.0))
     knocks = np.zeros(count)
@@ -99,7 +99,7 @@ def drain_and_fill(count: int, rng: Generator) -> Array:
         fills.append((now + drain + 1.0, now + drain + 1.0 + fill))
         now += drain + fill + rng.uniform(1.5, 4.0)
     pumping, filling = gate(count, drains, 0.05, 0.1), gate(count, fills, 0.15, 0.1)
-    phase = phase_of(mains * unsteady(count, rng, 2e-4, 2e-4), count)
+    phase = turning(count, rng, mains, 2e-4, 2e-4)
     slap = wave(phase, np.array([0.3, 1, 0.25, 0.8, 0.2, 0.6, 0.2, 0.4, 0.15, 0.3, 0.1, 0.2]), rng)
     air = np.clip(0.5 + slow_curve(count, rng, 6.0, 0.5), 0.0, 1.2)
     rush = spectrum_noise(count, rng, _TUB, [-25, -12, -5, 0, -2, -6, -12, -20, -42])
@@ -110,7 +110,7 @@ def drain_and_fill(count: int, rng: Generator) -> Array:
     panel = [(f, 8.0, 1.0) for f in rng.uniform(150, 700, 3)]
     pump = pumping * (1 + 0.3 * air) * resonator(unit(slap), panel, 0.3)
     fill = filling * (0.25 * hiss + rng.uniform(0.5, 2.0) * whistle) + 0.3 * splash
-    return 0.5 * pump + pumping * air * 0.35 * rush + 0.3 * gulps + fill + 0.02 * rush
+    return over_room_tone(0.5 * pump + pumping * air * 0.35 * rush + 0.3 * gulps + fill + 0.02 * rush, rng)
 
 
 def _blades(count: int, rng: Generator, turns: Array, blades: int, uneven: float) -> Array:
@@ -134,7 +134,7 @@ def desk_axial(count: int, rng: Generator) -> Array:
     puffs = 1 + 0.35 * np.clip(unit(_blades(count, rng, turns, int(rng.integers(3, 6)), 0.2)), -2, 2)
     tone = unit(_blades(count, rng, turns, 4, 0.15))
     mains = 2 * float(rng.choice([50.0, 60.0]))
-    hum = wave(phase_of(mains * unsteady(count, rng, 1e-4, 5e-5), count), [1.0, 0.5, 0.3, 0.15], rng)
+    hum = wave(turning(count, rng, mains, 1e-4, 5e-5), [1.0, 0.5, 0.3, 0.15], rng)
     gear = np.zeros(count)
     for turn in np.flatnonzero(np.diff(np.sign(np.diff(swing)))):
         add_at(gear, int(turn), rng.uniform(0.3, 1.0) * strike(case_modes(rng, 300.0, 2500.0), 0.15, rng))
@@ -155,9 +155,7 @@ def ceiling_slow(count: int, rng: Generator) -> Array:
     hiss = spectrum_noise(count, rng, _TUB, [-30, -18, -8, -2, 0, -4, -12, -22, -45])
     out = (1 + 0.3 * passing) * (air + rng.uniform(0.3, 0.7) * hiss)
     mains = 2 * float(rng.choice([50.0, 60.0]))
-    out += rng.uniform(0.1, 0.4) * wave(
-        phase_of(mains * unsteady(count, rng, 1e-4, 5e-5), count), [1, 0.4, 0.4, 0.2], rng
-    )
+    out += rng.uniform(0.1, 0.4) * wave(turning(count, rng, mains, 1e-4, 5e-5), [1, 0.4, 0.4, 0.2], rng)
     once = np.flatnonzero(np.diff(np.floor(phase_of(turns, count) / (2 * np.pi))) > 0)
     kinds = [strike(case_modes(rng, 250.0, 3500.0), 0.1, rng) for _ in range(4)]
     for place in once:
@@ -190,8 +188,9 @@ def _collapses(count: int, rng: Generator, rate: Array, low: float, high: float)
     starts = np.sort(rng.integers(0, count, rng.poisson(peak * count / SAMPLE_RATE)))
     kept = starts[rng.uniform(0, peak, len(starts)) < rate[starts]]
     impulses = np.bincount(kept, rng.lognormal(0.0, 0.9, len(kept)) * rng.choice([-1, 1], len(kept)), count)
-    peaks = [(f, rng.uniform(4, 12), rng.uniform(0.4, 1)) for f in np.exp(rng.uniform(np.log(low), np.log(high), 6))]
-    return unit(resonator(impulses, peaks, 0.03))
+    peaks = [(f, rng.uniform(1.5, 6.0), rng.uniform(0.4, 1)) for f in np.exp(rng.uniform(np.log(low), np.log(high), 6))]
+    heard = lfilter(*butter(2, rng.uniform(5000.0, 9000.0), fs=SAMPLE_RATE), resonator(impulses, peaks, 0.12))
+    return unit(heard)
 
 
 def electric_jug(count: int, rng: Generator) -> Array:

@@ -142,4 +142,5 @@ def plucked_strings(count: int, rng: Generator) -> Array:
     for frequency in (rng.uniform(90, 120), rng.uniform(170, 230), *rng.uniform(350, 900, 3)):
         sections = butter(1, [0.95 * frequency, 1.05 * frequency], "bandpass", fs=SAMPLE_RATE, output="sos")
         body += sosfilt(sections, out)
-    return over_room_tone(out + 1.5 * body, rng)
+    dull = lfilter(*butter(2, rng.uniform(4500.0, 8000.0), fs=SAMPLE_RATE), out + 1.5 * body)
+    return over_room_tone(np.asarray(dull), rng)

@@ -7,11 +7,13 @@ from numpy.random import Generator
 from scipy.signal import butter, sosfilt
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
-from generators.assets.sounds.bells import resonator, unsteady, wave
-from generators.assets.sounds.room_tone import slow_curve, spectrum_noise
-from generators.assets.sounds.signals import Array, phase_of, time_axis, unit
+from generators.assets.sounds.bells import resonator, turning, unsteady, wave
+from generators.assets.sounds.room_tone import slow_curve, spectrum_noise, upsampled
+from generators.assets.sounds.signals import Array, add_at, phase_of, unit
 
 _SOUND = 343.0
+#: Values per second of the curves of level.
+_CURVES = 100
 #: Spectrum (Hz, dB) of rolling tyres: the peak between 700 and 1300 Hz, 7 dB/octave above; of engines and exhausts.
 _TYRES = ((50, 200, 600, 1000, 2000, 4000, 8000, 16_000), (-22, -13, -5, 0, -6, -15, -26, -44))
 _ENGINES = ((40, 70, 120, 250, 500, 1000, 2000, 5000, 16_000), (-6, 0, -1, -5, -9, -14, -20, -32, -55))
@@ -48,23 +50,45 @@ def _traffic(
         distance: range of the nearest distance (m).
     """
     seconds = count / SAMPLE_RATE
-    tyres, near, engines = np.zeros(count), np.zeros(count), np.zeros(count)
+    coarse = np.arange(0.0, seconds + 2 / _CURVES, 1 / _CURVES)
+    tyres, near, engines = np.zeros(len(coarse)), np.zeros(len(coarse)), np.zeros(count)
     moment = -5.0
     while moment < seconds + 5:
         speed, away = rng.uniform(*speeds), rng.uniform(*distance)
-        reach = 9.0 * away / speed
-        first, last = max(0, int((moment - reach) * SAMPLE_RATE)), min(count, int((moment + reach) * SAMPLE_RATE))
-        if last > first:
-            t = np.arange(first, last) / SAMPLE_RATE
+        level, _ = _pass(coarse, moment, away, speed)
+        loud = rng.lognormal(0.0, 0.3) * (speed / 12.0) ** 1.5 * distance[0] / away
+        tyres += np.square(loud * level)
+        near += np.square(loud * level**2)
+        first, t = _window(count, moment, 2.5 * away / speed)
+        if len(t):
             level, doppler = _pass(t, moment, away, speed)
-            level *= np.sqrt(np.clip((reach - np.abs(t - moment)) / (0.4 * reach), 0.0, 1.0))
-            loud = rng.lognormal(0.0, 0.3) * (speed / 12.0) ** 1.5 * distance[0] / away
-            tyres[first:last] += np.square(loud * level)
-            near[first:last] += np.square(loud * level**2)
+            level *= np.clip(1 - np.abs(t - moment) * speed / (2.5 * away), 0.0, 1.0)
             cylinders = int(rng.choice([3, 4, 4, 6]))
-            engines[first:last] += rng.uniform(0.3, 1.5) * loud * level * _engine(rng, doppler, speed, cylinders)
+            piece = rng.uniform(0.3, 1.5) * loud * level * _engine(rng, doppler, speed, cylinders)
+            add_at(engines, first, piece)
         moment += rng.exponential(gap)
-    return np.sqrt(tyres), np.sqrt(near), engines
+    step = SAMPLE_RATE // _CURVES
+    return upsampled(np.sqrt(tyres), step, count), upsampled(np.sqrt(near), step, count), engines
+
+
+def _window(count: int, moment: float, reach: float) -> tuple[int, Array]:
+    """First sample and times of the samples within ``reach`` seconds of ``moment``."""
+    first, last = max(0, int((moment - reach) * SAMPLE_RATE)), min(count, int((moment + reach) * SAMPLE_RATE))
+    return first, np.arange(first, max(first, last)) / SAMPLE_RATE
+
+
+def _motorcycle(rng: Generator, t: Array, moment: float, reach: float) -> Array:
+    """A motorcycle that passes at ``moment`` and changes gear every second or two; heard for ``reach`` each way."""
+    speed = rng.uniform(9.0, 20.0)
+    level, doppler = _pass(t, moment, rng.uniform(6.0, 12.0), speed)
+    level *= np.clip(1 - np.abs(t - moment) / reach, 0.0, 1.0)
+    saw = np.mod(t / rng.uniform(1.2, 2.4) + rng.uniform(), 1.0)
+    turns = rng.uniform(28.0, 45.0) * (1 + 0.7 * saw) * doppler * unsteady(len(t), rng, 0.005, 0.01)
+    orders = np.arange(1, 60)
+    firing = np.where(orders % int(rng.choice([1, 2, 4])) == 0, 1.0, 0.3) * orders**-0.55
+    pulses = unit(wave(phase_of(turns, len(t)), firing, rng))
+    exhaust = [(rng.uniform(180, 420), 2.5, 1.0), (rng.uniform(700, 1500), 3.0, 0.5)]
+    return level * (0.5 + saw) * resonator(pulses, exhaust, 0.3)
 
 
 def passing_cars(count: int, rng: Generator) -> Array:
@@ -87,9 +111,7 @@ def closed_window(count: int, rng: Generator) -> Array:
     rolling = spectrum_noise(count, rng, *_TYRES)
     far = spectrum_noise(count, rng, *_ENGINES) * np.exp(slow_curve(count, rng, 0.2, 0.3))
     outside = tyres * rolling + 0.6 * engines + 0.35 * far
-    idle = wave(
-        phase_of(rng.uniform(9.0, 13.0) * unsteady(count, rng, 0.01, 0.01), count), np.arange(1, 31) ** -0.5, rng
-    )
+    idle = wave(turning(count, rng, rng.uniform(9.0, 13.0), 0.01, 0.01), np.arange(1, 31) ** -0.5, rng)
     outside += 0.2 * unit(idle) * np.clip(0.3 + slow_curve(count, rng, 0.06, 0.7), 0.0, 1.0)
     # Mass law: 6 dB per octave; a leak at the frame lets a little of all pass.
     pane = sosfilt(butter(1, rng.uniform(120.0, 350.0), fs=SAMPLE_RATE, output="sos"), outside)
@@ -101,25 +123,13 @@ def closed_window(count: int, rng: Generator) -> Array:
 def wet_road_engines(count: int, rng: Generator) -> Array:
     """A wet road with motorcycles: spray hisses above 2 kHz behind each vehicle; engines that change gear; rain."""
     tyres, near, _ = _traffic(count, rng, rng.uniform(3.5, 7.0), (8.0, 17.0), (6.0, 15.0))
-    t = time_axis(count)
     out = np.zeros(count)
     moment = rng.uniform(0.0, 8.0)
     while moment < count / SAMPLE_RATE + 4:
-        speed, away = rng.uniform(9.0, 20.0), rng.uniform(6.0, 12.0)
-        level, doppler = _pass(t, moment, away, speed)
-        heard = level > 0.08
-        first, last = (int(np.argmax(heard)), count - int(np.argmax(heard[::-1]))) if heard.any() else (0, 0)
-        if last > first:
-            n = last - first
-            saw = np.mod(time_axis(n) / rng.uniform(1.2, 2.4) + rng.uniform(), 1.0)
-            turns = rng.uniform(28.0, 45.0) * (1 + 0.7 * saw) * doppler[first:last]
-            orders = np.arange(1, 60)
-            firing = np.where(orders % int(rng.choice([1, 2, 4])) == 0, 1.0, 0.3) * orders**-0.55
-            pulses = wave(phase_of(turns * unsteady(n, rng, 0.005, 0.01), n), firing, rng)
-            exhaust = resonator(
-                unit(pulses), [(rng.uniform(180, 420), 2.5, 1.0), (rng.uniform(700, 1500), 3, 0.5)], 0.3
-            )
-            out[first:last] += level[first:last] * np.clip(level[first:last] * 3 - 0.24, 0, 1) * (0.5 + saw) * exhaust
+        reach = rng.uniform(4.0, 8.0)
+        first, t = _window(count, moment, reach)
+        if len(t):
+            add_at(out, first, _motorcycle(rng, t, moment, reach))
         moment += rng.exponential(14.0) + 3.0
     rolling = spectrum_noise(count, rng, *_TYRES)
     spray = spectrum_noise(count, rng, [300, 1200, 3000, 6500, 12_000, 16_000], [-18, -6, 0, -2, -10, -30])

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter, lfilter, sosfilt
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
-from generators.assets.sounds.bells import case_modes, gate, loudspeaker, resonator, unsteady, wave
+from generators.assets.sounds.bells import case_modes, gate, loudspeaker, resonator, turning, unsteady, wave
 from generators.assets.sounds.room_tone import over_room_tone, slow_curve
 from generators.assets.sounds.signals import Array, add_at, phase_of, strike, time_axis, unit
 
@@ -214,7 +214,7 @@ def smartphone_marimba(count: int, rng: Generator) -> Array:
     starts = np.arange(-1, count / SAMPLE_RATE / period + 1) * period + rng.uniform(0, period)
     buzz = gate(count, [(s, s + 0.5 * period) for s in starts], 0.02, 0.04)
     buzz *= wave(
-        phase_of(rng.uniform(150.0, 235.0) * unsteady(count, rng, 0.003, 0.002), count),
+        turning(count, rng, rng.uniform(150.0, 235.0), 0.003, 0.002),
         [1.0, 0.4, 0.3, 0.25, 0.2, 0.12, 0.1, 0.08],
         rng,
     )

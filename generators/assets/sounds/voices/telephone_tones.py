@@ -17,6 +17,7 @@ from generators.assets.sounds.bells import (
     gate,
     loudspeaker,
     piezo,
+    turning,
     unsteady,
     wave,
 )
@@ -71,7 +72,7 @@ def ringer_ic_piezo(count: int, rng: Generator) -> Array:
         pitch = high * (ratio + (1 - ratio) * _switched(length, rng, warble, 0.5))
         pitch *= (1 - slump * np.exp(-t / tilt)) * unsteady(length, rng, 0.001, 0.0015)
         tone = wave(phase_of(pitch, length), spectrum, rng)
-        pulsing = 1 + ripple * np.sin(phase_of(2 * current * unsteady(length, rng, 0.003, 0.002), length))
+        pulsing = 1 + ripple * np.sin(turning(length, rng, 2 * current, 0.003, 0.002))
         fade = np.minimum(1.0, t[::-1] / 0.012)
         add_at(out, first, charge * pulsing * fade * tone)
     hiss = np.abs(out) * rng.standard_normal(count) * rng.uniform(0.01, 0.05)
@@ -96,7 +97,7 @@ def ringer_ic_speaker(count: int, rng: Generator) -> Array:
         drifting = clock * unsteady(length, rng, 0.0015, 0.001)
         high = _switched(length, rng, clock / divisor, 0.5)
         tone = wave(phase_of(drifting * (0.2 + 0.05 * high), length), spectrum, rng)
-        ac = np.sin(phase_of(current * unsteady(length, rng, 0.004, 0.004), length, rng.uniform(0, 3)))
+        ac = np.sin(turning(length, rng, current, 0.004, 0.004))
         supply = np.clip((np.abs(ac) * (1 - uneven * (ac > 0)) - threshold) / (1 - threshold) * 3.0, 0.0, 1.0)
         supply *= 1 + slow_curve(length, rng, 2 * current, 0.06)
         add_at(out, first, tone * supply * np.minimum(1.0, time_axis(length)[::-1] / 0.01))
