@@ -70,7 +70,7 @@ def turntable_transformer(count: int, rng: Generator) -> Array:
     cabinet = sheet_metal(rng, 160.0, 2200.0, 8.0)
     pitch = rng.uniform(1950.0, 2100.0)
     return np.asarray(
-        radiated(decibels(rng.uniform(1.0, 7.0)) * hum + decibels(rng.uniform(-10.0, -4.0)) * rub, cabinet)
+        radiated(decibels(rng.uniform(4.0, 11.0)) * hum + decibels(rng.uniform(-7.0, 0.0)) * rub, cabinet)
         + air
         + decibels(rng.uniform(-12.0, -5.0)) * tones
         + decibels(rng.uniform(-14.0, -6.0)) * plate
@@ -113,7 +113,7 @@ def rattling_compact(count: int, rng: Generator) -> Array:
         count, rng, strikes, 0.7 * force, sheet + slopes([(300.0, -3.0), (900.0, 0.0), (6000.0, -22.0)]), 0.04
     )
     return np.asarray(
-        radiated(decibels(rng.uniform(0.0, 5.0)) * hum, sheet)
+        radiated(decibels(rng.uniform(2.0, 7.0)) * hum, sheet)
         + decibels(rng.uniform(-4.0, 3.0)) * (rattle + buzz)
         + decibels(-3.0) * air
         + decibels(rng.uniform(-10.0, -4.0)) * tones

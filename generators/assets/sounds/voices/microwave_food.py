@@ -45,13 +45,6 @@ from generators.assets.sounds.voices.microwave_parts import (
 )
 
 
-def _running_seconds(cooking: Array) -> Array:
-    """Slow curve: seconds since the cooking began (0 while it rests)."""
-    places = np.arange(len(cooking))
-    resting = np.maximum.accumulate(np.where(cooking > 0, -1, places))
-    return np.where(cooking > 0, places - resting, 0) / CONTROL_RATE
-
-
 def popcorn(count: int, rng: Generator) -> Array:
     """A bag of popcorn over a hum: single pops, a crackling crowd of them, single ones again; the bag rustles.
 
@@ -66,7 +59,7 @@ def popcorn(count: int, rng: Generator) -> Array:
     rub = lamination_noise(count, rng, cycle, held.cooking, rng.uniform(500.0, 900.0))
     speed = spin_down(count, rng, held.cooking, rng.uniform(0.1, 2.0))
     air, tones = shaded_pole_fan(count, rng, speed, nominal, (0.10, 0.18), rng.uniform(500.0, 850.0))
-    heated = _running_seconds(held.cooking)
+    heated = held.heated
     bell = np.exp(-0.5 * np.square((heated - rng.uniform(40.0, 75.0)) / rng.uniform(12.0, 20.0)))
     rate = held.cooking * (rng.uniform(3.0, 7.0) * bell + 0.02)
     muffled = slopes([(150.0, -12.0), (500.0, -3.0), (1500.0, 0.0), (4500.0, -8.0), (12_000.0, -28.0)])
@@ -78,13 +71,13 @@ def popcorn(count: int, rng: Generator) -> Array:
     rustle = paper * expand(held.cooking * (0.15 + bell) * np.exp(slow(count, rng, 18.0, 0.9)), count)
     return np.asarray(
         radiated(
-            decibels(rng.uniform(1.0, 6.0)) * hum + decibels(rng.uniform(-9.0, -4.0)) * rub,
+            decibels(rng.uniform(4.0, 9.0)) * hum + decibels(rng.uniform(-6.0, 0.0)) * rub,
             sheet_metal(rng, 180.0, 2600.0, 8.0),
         )
         + 0.9 * air
         + decibels(rng.uniform(-12.0, -6.0)) * tones
-        + rng.uniform(3.0, 6.0) * (pops + 0.4 * sharp)
-        + 0.12 * rustle
+        + rng.uniform(8.0, 16.0) * (pops + 0.4 * sharp)
+        + 0.2 * rustle
         + decibels(rng.uniform(-12.0, -5.0)) * turntable(count, rng, held.cooking, nominal / 10.0)
         + 1.5 * clicks(count, rng, held.starts, 600.0, 4000.0)
         + 2.5 * door(count, rng, held)
@@ -149,7 +142,7 @@ def timer_bell(count: int, rng: Generator) -> Array:
     ratchet = clicks(count, rng, np.concatenate(steps) if steps else held.starts, 1200.0, 5000.0, 0.02)
     return np.asarray(
         radiated(
-            decibels(rng.uniform(1.0, 6.0)) * hum + decibels(rng.uniform(-8.0, -2.0)) * rub,
+            decibels(rng.uniform(3.0, 8.0)) * hum + decibels(rng.uniform(-6.0, 0.0)) * rub,
             sheet_metal(rng, 120.0, 1500.0, 9.0),
         )
         + air
@@ -190,7 +183,7 @@ def inverter_quiet(count: int, rng: Generator) -> Array:
         count, rng, cycle, nominal, np.convolve(np.pad(power, 20, mode="edge"), np.full(41, 1 / 41), "valid")
     )
     speed = spin_down(count, rng, held.cooking, 10.0)
-    heated = _running_seconds(held.cooking)
+    heated = held.heated
     turn = rng.uniform(28.0, 36.0) * speed * (1.0 + 0.3 * (heated > 20.0))
     lag = int(0.8 * CONTROL_RATE)
     turn = np.convolve(np.pad(turn, lag, mode="edge"), np.full(2 * lag + 1, 1.0 / (2 * lag + 1)), mode="valid")
@@ -207,8 +200,8 @@ def inverter_quiet(count: int, rng: Generator) -> Array:
     return np.asarray(
         air * loud
         + decibels(rng.uniform(-12.0, -6.0)) * tones * loud
-        + radiated(decibels(rng.uniform(-4.0, 2.0)) * buzz, lined)
-        + rng.uniform(0.5, 1.4) * radiated(_sizzle(count, rng, heat), lined)
+        + radiated(decibels(rng.uniform(-9.0, -3.0)) * buzz, lined)
+        + rng.uniform(1.0, 3.0) * radiated(_sizzle(count, rng, heat), lined)
         + decibels(rng.uniform(-16.0, -10.0)) * turntable(count, rng, held.cooking, nominal / 16.0)
         + 1.2 * door(count, rng, held)
         + 0.6 * chime

@@ -35,7 +35,8 @@ from generators.assets.sounds.signals import Array
 
 Range = tuple[float, float]
 Moments = NDArray[np.int64]
-_ORDERS = 48
+#: Highest multiple of the mains frequency.
+_ORDERS = 120
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,7 @@ class CookingSession:
         opens: the door is opened.
         closes: the door is closed.
         keys: a key is pressed.
+        before: seconds of cooking before the first sample.
     """
 
     cooking: Array
@@ -57,14 +59,24 @@ class CookingSession:
     opens: Moments
     closes: Moments
     keys: Moments
+    before: float
+
+    @property
+    def heated(self) -> Array:
+        """Slow curve: seconds since the cooking began (0 while the oven rests)."""
+        places = np.arange(len(self.cooking))
+        resting = np.maximum.accumulate(np.where(self.cooking > 0, -round(self.before * CONTROL_RATE) - 1, places))
+        return np.asarray(np.where(self.cooking > 0, places - resting, 0) / CONTROL_RATE)
 
 
 def session(count: int, rng: Generator, cook: Range, gap: Range) -> CookingSession:
     """Cooking for ``cook`` seconds, then ``gap`` seconds with the door, the dish and the keys, and again."""
     starts, ends, opens, closes, keys = [], [], [], [], []
-    edges, levels, now = [-1.0], [1.0], 0.0
+    edges, levels, now, before = [-1.0], [1.0], 0.0, 0.0
     if rng.random() < 0.85:
-        now = rng.uniform(0.05, 1.0) * rng.uniform(*cook)
+        length = rng.uniform(*cook)
+        now = rng.uniform(0.05, 1.0) * length
+        before = length - now
     else:
         levels[0] = 0.0
     end = count / SAMPLE_RATE
@@ -91,13 +103,13 @@ def session(count: int, rng: Generator, cook: Range, gap: Range) -> CookingSessi
     def samples(times: Sequence[float]) -> Moments:
         return (np.array(times, dtype=np.float64) * SAMPLE_RATE).astype(np.int64)
 
-    return CookingSession(cooking, samples(starts), samples(ends), samples(opens), samples(closes), samples(keys))
+    return CookingSession(cooking, samples(starts), samples(ends), samples(opens), samples(closes), samples(keys), before)
 
 
 def duty(count: int, rng: Generator, cooking: Array, period: float, share: float) -> tuple[Array, Moments]:
     """Power that a relay switches on for a share of each period: (slow curve 0 or 1, samples of the switching)."""
-    place = np.arange(frames(count)) / CONTROL_RATE / period + rng.random()
-    place = np.mod(place + np.repeat(rng.normal(0.0, 0.004, len(place) // 512 + 1), 512)[: len(place)], 1.0)
+    clock = np.arange(frames(count)) / CONTROL_RATE / period
+    place = np.mod(clock + rng.random() + slow(count, rng, 0.05, 0.008), 1.0)
     power = cooking * (place < share)
     return power, (np.flatnonzero(np.diff(power)) + 1) * int(SAMPLE_RATE / CONTROL_RATE)
 
@@ -115,7 +127,7 @@ def _orders(force: Array, nominal: float, corner: float, rng: Generator) -> dict
     """
     levels = np.abs(np.fft.rfft(force))[: _ORDERS + 1]
     frequency = np.arange(_ORDERS + 1) * nominal
-    levels = levels * frequency**1.2 / (1.0 + (frequency / corner) ** 2.2)
+    levels = levels * frequency**1.2 / (1.0 + (frequency / corner) ** 2.0)
     levels /= levels[1:].max()
     return {k: float(levels[k]) * float(np.exp(rng.normal(0.0, 0.35))) for k in range(1, _ORDERS + 1)}
 
@@ -125,19 +137,23 @@ def transformer(count: int, rng: Generator, cycle: Array, nominal: float, power:
 
     The core stretches with the square of its flux (magnetostriction), so it hums at twice the mains frequency; it is
     driven into saturation, and the magnetizing current's peaks pull at coils and shunts, which adds the even multiples.
-    The doubler feeds the magnetron in one half wave only: that biases the core and adds odd multiples. For 1.2 to 2.4 s
-    after the relay closes, until the filament emits, there is no load.
+    Loose sheets touch near the peaks of the force, which makes its spectrum long. The doubler feeds the magnetron in
+    one half wave only: that biases the core and adds odd multiples. For 1.2 to 2.4 s after the relay closes, until the
+    filament emits, there is no load.
 
     Model: M. van der Veen, F. de Leon, B. Gladstone and V. Tatu, "Measuring acoustic noise emitted by power
     transformers", AES 109th convention (2000); the circuit is that of service manuals.
     """
     angle = np.arange(2048) * (2 * np.pi / 2048)
-    saturation, bias = rng.uniform(0.1, 0.5), rng.uniform(0.02, 0.12)
+    saturation, bias = rng.uniform(0.1, 0.5), rng.uniform(0.01, 0.04)
     idle = np.sin(angle)
     loaded = 0.92 * np.sin(angle) + bias + 0.06 * np.sin(3 * angle + rng.uniform(0, 6.3))
     magnetron = np.maximum(0.0, np.sin(angle - rng.uniform(0.3, 0.8)) - rng.uniform(0.35, 0.6))
     forces = [flux**2 + saturation * (flux + flux**7) ** 2 for flux in (idle, loaded)]
-    forces[1] = forces[1] + rng.uniform(0.3, 1.0) * magnetron
+    forces[1] = forces[1] + rng.uniform(0.1, 0.4) * magnetron
+    # Sheets, shunts and feet that are not clamped touch near the force's peaks only.
+    play, stiff = rng.uniform(0.75, 0.93), rng.uniform(0.5, 2.5)
+    forces = [force / force.max() + stiff * np.maximum(0.0, force / force.max() - play) for force in forces]
     delay = int(rng.uniform(1.2, 2.4) * CONTROL_RATE)
     emitting = power * np.concatenate([np.full(min(delay, len(power)), power[0]), power[:-delay]])[: len(power)]
     out = np.zeros(count, dtype=np.float32)
@@ -152,7 +168,8 @@ def lamination_noise(count: int, rng: Generator, cycle: Array, power: Array, pea
     bursts = np.exp(4.0 * (cosine(2.0 * cycle + rng.random()) - 1.0))
     bursts /= np.sqrt(np.mean(np.square(bursts)))
     body = slopes([(peak / 4, -12.0), (peak, 0.0), (3 * peak, -12.0), (12 * peak, -36.0)]) + ripple(rng, 4.0)
-    return noise(count, rng, body) * bursts * expand(power * np.exp(slow(count, rng, 6.0, 0.2)), count)
+    level = expand(power * np.exp(slow(count, rng, 6.0, 0.2)), count)
+    return np.asarray(noise(count, rng, body) * bursts * level, dtype=np.float32)
 
 
 def inverter(count: int, rng: Generator, cycle: Array, nominal: float, power: Array) -> Signal:
@@ -173,7 +190,8 @@ def inverter(count: int, rng: Generator, cycle: Array, nominal: float, power: Ar
     pulse /= np.sqrt(np.mean(np.square(pulse)))
     peak = rng.uniform(1800.0, 4500.0)
     hiss = noise(count, rng, slopes([(peak / 4, -18.0), (peak, 0.0), (4 * peak, -20.0)]) + ripple(rng, 4.0))
-    return (tones + np.float32(decibels(rng.uniform(-10.0, -3.0))) * hiss * pulse) * expand(power, count)
+    buzz = (tones + np.float32(decibels(rng.uniform(-10.0, -3.0))) * hiss * pulse) * expand(power, count)
+    return np.asarray(buzz, dtype=np.float32)
 
 
 def shaded_pole_fan(

@@ -192,9 +192,9 @@ def upright_cyclone(count: int, rng: Generator) -> Array:
     """A bagless upright: the cyclone's swirl over the motor, crumbs that circle in the bin, a roll that is declutched.
 
     Model: the core of a swirling flow precesses at a frequency proportional to the flow and modulates the noise
-    (A. J. Griffiths, P. A. Yazdabadi and N. Syred, precessing vortex cores of cyclone dust separators, 1990s): a broad
-    peak at 300 to 700 Hz that wanders with the flow; crumbs strike the bin's wall once per turn of the swirl. The roll
-    of 4 rows is stopped over hard floor. Units: cyclone, bin, roll, motor at 26 to 31 thousand rpm.
+    (T. A. Grimble and M. P. Juniper, "Local linear stability analysis of cyclone separators", J. Fluid Mech. (2017)):
+    a broad peak at 300 to 700 Hz that wanders with the flow; crumbs rattle round the bin's wall. The roll of 4 rows is
+    stopped over hard floor. Units: cyclone, bin, roll, motor at 26 to 31 thousand rpm.
     """
     take = work(count, rng, Habit(strokes=(0.3, 0.55), lift=(8.0, 30.0), seal=(20.0, 60.0), fall=(1.2, 2.2)))
     shaft = rng.uniform(430.0, 520.0) * take.speed
@@ -243,7 +243,12 @@ VOICES: tuple[Voice, ...] = (
     Voice(_C, "canister_turbo_carpet", "train", "universal motor with air turbine", _CANISTERS, canister_turbo_carpet),
     Voice(_C, "upright_carpet", "train", "universal motor with brush roll", _UPRIGHTS, upright_carpet),
     Voice(
-        _C, "stick_brushless", "train", "high-speed brushless motor", "maker's data of motors of 80 to 110 krpm", stick
+        _C,
+        "stick_brushless",
+        "train",
+        "high-speed brushless motor",
+        "maker's data: Dyson digital motor V2, 104,000 rpm (2009)",
+        stick,
     ),
     Voice(_C, "robot", "train", "small fan, side brush and gears", "kinematics of gears, wheels and brushes", robot),
     Voice(_C, "wet_dry_drum", "train", "bypass motor over a drum", _SUCTION_UNITS, wet_dry),

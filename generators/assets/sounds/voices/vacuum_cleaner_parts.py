@@ -77,7 +77,7 @@ class Work:
     @property
     def flow(self) -> Array:
         """Relative flow of air: it follows the speed, falls over a floor and nearly stops where the nozzle seals."""
-        return np.asarray(self.speed * (1.0 - 0.12 * self.contact) * (1.0 - 0.55 * self.sealed))
+        return np.asarray(self.speed * (1.0 - 0.12 * self.contact) * (1.0 - 0.42 * self.sealed))
 
 
 def work(count: int, rng: Generator, habit: Habit) -> Work:

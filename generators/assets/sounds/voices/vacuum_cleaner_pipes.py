@@ -65,9 +65,8 @@ def wet_dry(count: int, rng: Generator) -> Array:
     scrape = scraping(count, rng, take.motion * take.contact, rng.uniform(700.0, 1600.0), 4.0, 4.0)
     loud = expand(take.flow**2.5, count)
     full = expand(np.minimum(take.speed, 1.3) ** 2.5, count)
-    water = 0.5 * gurgle * expand(wet * slugs, count) + 1.2 * bubbles(
-        count, rng, expand(90.0 * wet * slugs, count), (1.2, 7.0)
-    )
+    flow = expand(90.0 * wet * slugs, count).astype(np.float64)
+    water = 0.5 * gurgle * expand(wet * slugs, count) + 1.2 * bubbles(count, rng, flow, (1.2, 7.0))
     return np.asarray(
         1.1 * exhaust * loud
         + radiated(
@@ -88,7 +87,7 @@ def _singing(count: int, rng: Generator, flow: Array) -> Signal:
 
     Model: Strouhal number of 0.4 to 0.6 by the pitch of the corrugations; the frequency stays at a mode c/2L·n while
     the flow changes, then jumps (B. Rajavel and M. G. Prasad, "Acoustics of corrugated pipes: a review", Applied
-    Mechanics Reviews 65 (2013); G. Nakiboğlu et al., J. Fluid Mech. 671 (2011)).
+    Mechanics Reviews 65 (2013); G. Nakiboğlu et al., J. Fluid Mech. (2011)).
     """
     spacing = 343.0 / (2.0 * rng.uniform(6.0, 10.0))
     wanted = rng.uniform(0.4, 0.6) * rng.uniform(26.0, 42.0) / rng.uniform(0.0075, 0.011) * flow
