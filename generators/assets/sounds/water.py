@@ -192,19 +192,17 @@ def splashes(count: int, rng: Generator, rate: Array, slow: float = 12.0) -> Arr
     return out
 
 
-def cavity(signal: Array, rng: Generator, low: float, high: float, modes: int, share: float) -> Array:
-    """The signal in a hollow body (pan, cistern, housing): modes with quality 12 to 45 hold ``share`` of its energy."""
-    pitches = np.exp(rng.uniform(np.log(low), np.log(high), modes))
-    t = time_axis(int(0.25 * SAMPLE_RATE))
+def cavity(signal: Array, rng: Generator, low: float, high: float, modes: int, gain: float) -> Array:
+    """The signal in a hollow body (pan, cistern, housing): modes of quality 10 to 40, of about that peak gain."""
+    t = time_axis(int(0.2 * SAMPLE_RATE))
     ringing = np.zeros(len(t))
-    for pitch in pitches:
-        fall = np.pi * pitch / rng.uniform(12.0, 45.0)
-        mode = np.exp(-fall * t) * np.sin(2 * np.pi * pitch * t + rng.uniform(0, 2 * np.pi))
-        ringing += rng.uniform(0.4, 1.0) * mode / np.sqrt(np.sum(mode**2)) * (low / pitch) ** 0.3
+    for pitch in np.exp(rng.uniform(np.log(low), np.log(high), modes)):
+        fall = np.pi * pitch / rng.uniform(10.0, 40.0)
+        peak = gain * rng.uniform(0.3, 1.4) * (low / pitch) ** 0.3 * 2.0 * fall / SAMPLE_RATE
+        ringing += peak * np.exp(-fall * t) * np.sin(2 * np.pi * pitch * t + rng.uniform(0, 2 * np.pi))
     ringing *= np.minimum(1.0, 100.0 * (t[-1] - t))
-    ringing *= np.sqrt(share / (1.0 - share) / np.sum(ringing**2))
     ringing[0] += 1.0
-    return np.asarray(np.sqrt(1.0 - share) * oaconvolve(signal, ringing)[: len(signal)])
+    return np.asarray(oaconvolve(signal, ringing)[: len(signal)])
 
 
 def gulps(rng: Generator, number: int, pitch: float, rate: float, noisy: float = 0.5) -> Array:

@@ -39,7 +39,7 @@ from generators.assets.sounds.water import (
 )
 
 #: Water that falls into a pan: a plume of bubbles, broad, with a slope of −4 to −6 dB per octave above 4 kHz.
-_PLUME: Spectrum = {63: -24, 125: -14, 250: -5, 500: -3, 1000: -3, 2000: -4, 4000: -7, 8000: -12, 16_000: -24}
+_PLUME: Spectrum = {63: -24, 125: -14, 250: -5, 500: -3, 1000: -3, 2000: -4, 4000: -6, 8000: -10, 16_000: -22}
 #: Thin sheets and jets under the rim.
 _RIM: Spectrum = {63: -40, 250: -20, 500: -11, 1000: -5, 2000: -1, 4000: 0, 8000: -4, 16_000: -17}
 #: A trap that draws air.
@@ -81,11 +81,11 @@ class _Take:
         """Lumps of water that fall, ``rate`` a second where the curve is 1; fewer of them are weaker as well."""
         return splashes(self.count, self.rng, rate * self.line.level(name) + least)
 
-    def heard(self, power: Array, water: Array, share: float = 0.4) -> Array:
+    def heard(self, power: Array, water: Array, gain: float = 1.6) -> Array:
         """The flow of that power and single drops and bubbles in pan and cistern, with all events."""
         inside = flow(self.count, self.rng, power) + water
-        low, modes = self.rng.uniform(150.0, 320.0), int(self.rng.integers(7, 14))
-        return cavity(inside, self.rng, low, 3200.0, modes, share) + placed(self.count, self.events)
+        low, modes = self.rng.uniform(150.0, 320.0), int(self.rng.integers(9, 18))
+        return cavity(inside, self.rng, low, 7000.0, modes, gain) + placed(self.count, self.events)
 
 
 def _head(start: float, length: float, rise: float = 0.25) -> list[tuple[float, float]]:
@@ -160,7 +160,7 @@ def washdown_close_coupled(count: int, rng: Generator) -> Array:
     power += take.power("fill", spectrum(_VALVE, rng), 1.2) * moving_peak(_filling(take, 260, 620, spans), 3.0, 5.0)
     power += take.power("-", spectrum(_RESIDUE, rng), 1.0, least=0.075)
     water = 0.5 * take.bubbles("rim", 90, (0.8, 5.0), 3.0) + 0.25 * take.bubbles("fill", 200, (0.7, 4.0))
-    water += 1.3 * take.splashes("flush", 45, 0.3) + 0.3 * take.splashes("fill", 120)
+    water += 1.8 * take.splashes("flush", 60, 0.3) + 0.5 * take.splashes("fill", 120)
     return take.heard(power, water)
 
 
@@ -249,7 +249,7 @@ def flushometer_diaphragm(count: int, rng: Generator) -> Array:
     power += 0.12 * take.power("squeeze", spectrum(_VALVE, rng), 2.0, 14.0) * moving_peak(note, 3.0, 12.0)
     power += take.power("-", spectrum(_RESIDUE, rng), 1.0, least=0.08)
     water = 0.6 * take.bubbles("pan", 130, (0.8, 6.0), 4.0) + 1.2 * take.splashes("pan", 40, 0.3)
-    return take.heard(power, water, 0.5)
+    return take.heard(power, water, 2.2)
 
 
 def vacuum_marine(count: int, rng: Generator) -> Array:
@@ -286,11 +286,11 @@ def vacuum_marine(count: int, rng: Generator) -> Array:
     level = np.interp(np.arange(count) / SAMPLE_RATE, take.line.times, take.line.level("pump", 0.55))
     hum = harmonics(phase, [0.3, 1.0, 0.5, 0.7, 0.3, 0.5, 0.2, 0.4, 0.15, 0.3], rng)
     water = (
-        0.35 * take.splashes("rinse", 300)
+        0.8 * take.splashes("rinse", 200)
         + 1.5 * take.splashes("drain", 60)
         + 0.1 * take.bubbles("rinse", 150, (0.6, 3.0))
     )
-    return pipe(air, metres, rng.uniform(0.3, 0.55), 5) + take.heard(power, water, 0.25) + 0.028 * level * hum
+    return pipe(air, metres, rng.uniform(0.3, 0.55), 5) + take.heard(power, water, 1.2) + 0.028 * level * hum
 
 
 def rimless_dual_flush(count: int, rng: Generator) -> Array:
@@ -332,7 +332,7 @@ def rimless_dual_flush(count: int, rng: Generator) -> Array:
     power += take.power("hinge", spectrum(_QUIET_VALVE, rng), 3.0, 20.0)
     power += take.power("-", spectrum(_RESIDUE, rng), 1.0, least=0.045)
     water = 0.5 * take.bubbles("flush", 160, (0.7, 4.0)) + 0.5 * take.bubbles("drip", 28, (0.8, 4.5), 1.5)
-    water += 1.1 * take.splashes("flush", 50) + 0.4 * take.splashes("drip", 12) + 0.12 * take.splashes("fill", 200)
+    water += 1.7 * take.splashes("flush", 60) + 0.4 * take.splashes("drip", 12) + 0.3 * take.splashes("fill", 150)
     return take.heard(power, water)
 
 
@@ -365,7 +365,7 @@ def running_ballcock(count: int, rng: Generator) -> Array:
     power += take.power("-", spectrum(_RIM, rng, 1.5), 2.5, 5.0, least=rng.uniform(0.2, 0.4))
     power += take.power("-", spectrum(_PLUME, rng, 1.0, 2.0, 3), 3.0, 5.0, least=rng.uniform(0.3, 0.5))
     trickle = rng.uniform(40.0, 90.0)
-    water = 0.9 * take.bubbles("fill", 40, (0.9, 5.0), trickle) + 0.7 * take.splashes("fill", 25, 0.4 * trickle)
+    water = 0.9 * take.bubbles("fill", 40, (0.9, 5.0), trickle) + 1.3 * take.splashes("fill", 25, 0.3 * trickle)
     return take.heard(power, water)
 
 
@@ -451,7 +451,7 @@ def concealed_wall(count: int, rng: Generator) -> Array:
     )
     power += take.power("stack", spectrum(_PLUME, rng) + 0.8 * wall, 5.0, 25.0)
     power += take.power("-", spectrum(_RESIDUE, rng), 1.0, least=0.045)
-    water = 0.5 * take.bubbles("flush", 130, (0.8, 5.0), 2.0) + 1.2 * take.splashes("flush", 50, 0.3)
+    water = 0.5 * take.bubbles("flush", 130, (0.8, 5.0), 2.0) + 1.8 * take.splashes("flush", 60, 0.3)
     return take.heard(power, water)
 
 
@@ -498,7 +498,7 @@ def pressure_assisted(count: int, rng: Generator) -> Array:
     water = (
         0.5 * take.bubbles("pan", 120, (0.8, 6.0), 2.0)
         + 1.8 * take.splashes("pan", 70)
-        + 0.3 * take.splashes("charge", 80)
+        + 0.6 * take.splashes("charge", 80)
     )
     return take.heard(power, water)
 
@@ -534,7 +534,7 @@ def flushometer_piston(count: int, rng: Generator) -> Array:
     power += 0.2 * take.power("squeeze", spectrum(_VALVE, rng), 2.0, 14.0)
     power += take.power("-", spectrum(_RESIDUE, rng), 1.0, least=0.095)
     water = 0.7 * take.bubbles("pan", 70, (1.5, 9.0), 2.0) + 1.3 * take.splashes("pan", 30, 0.3)
-    return take.heard(power, water, 0.5)
+    return take.heard(power, water, 2.2)
 
 
 _GRAVITY = "gravity cistern, wash-down pan"
