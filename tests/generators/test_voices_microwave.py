@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from generators.assets.sounds.fans import CONTROL_RATE, frames, turns_of
-from generators.assets.sounds.library import voices
-from generators.assets.sounds.voices.microwave_parts import (
+from generators.assets.sounds.devices.microwave_parts import (
     beeps,
     duty,
     inverter,
@@ -13,6 +11,8 @@ from generators.assets.sounds.voices.microwave_parts import (
     shaded_pole_fan,
     transformer,
 )
+from generators.assets.sounds.fans import CONTROL_RATE, frames, turns_of
+from generators.assets.sounds.library import voices
 
 SR = 44_100
 VOICES = voices("microwave")

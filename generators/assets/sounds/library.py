@@ -8,9 +8,6 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-# The folder `voices` is imported here once, so that no later import of it replaces the function of that name in the
-# package.
-import generators.assets.sounds.voices  # noqa: F401
 from avs3d_bench.contract.layout import SAMPLE_RATE
 from avs3d_bench.contract.taxonomy import check_category
 from avs3d_bench.errors import Avs3dError, UsageError
@@ -30,10 +27,13 @@ def voices(category: str) -> tuple[Voice, ...]:
         UsageError: for an unknown category.
     """
     check_category(category)
+    name = f"generators.assets.sounds.devices.{category}"
     try:
-        module = import_module(f"generators.assets.sounds.voices.{category}")
-    except ModuleNotFoundError:
-        return ()
+        module = import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name != name:
+            raise
+        return ()  # it has no voices yet
     found: tuple[Voice, ...] = module.VOICES
     return found
 

@@ -5,6 +5,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.random import Generator
 
+from generators.assets.sounds.devices.washing_machine_parts import (
+    cabinet,
+    gate,
+    programme,
+    residual,
+    reversing,
+    roar,
+    slosh,
+    spinning,
+    thumps,
+)
 from generators.assets.sounds.machines import (
     CONTROL_RATE,
     bursts,
@@ -20,17 +31,6 @@ from generators.assets.sounds.machines import (
     wander,
 )
 from generators.assets.sounds.signals import Array
-from generators.assets.sounds.voices.washing_machine_parts import (
-    cabinet,
-    gate,
-    programme,
-    residual,
-    reversing,
-    roar,
-    slosh,
-    spinning,
-    thumps,
-)
 
 
 def agitator_gearcase(count: int, rng: Generator) -> Array:

@@ -9,6 +9,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.random import Generator
 
+from generators.assets.sounds.devices.vacuum_cleaner_battery import hand_brushed, robot, stick
+from generators.assets.sounds.devices.vacuum_cleaner_parts import (
+    Habit,
+    debris,
+    hose,
+    housing,
+    scraping,
+    surroundings,
+    switch,
+    universal_motor,
+    work,
+)
+from generators.assets.sounds.devices.vacuum_cleaner_pipes import central, wet_dry
 from generators.assets.sounds.fans import (
     Signal,
     cosine,
@@ -27,19 +40,6 @@ from generators.assets.sounds.fans import (
 )
 from generators.assets.sounds.signals import Array
 from generators.assets.sounds.voice import Voice
-from generators.assets.sounds.voices.vacuum_cleaner_battery import hand_brushed, robot, stick
-from generators.assets.sounds.voices.vacuum_cleaner_parts import (
-    Habit,
-    debris,
-    hose,
-    housing,
-    scraping,
-    surroundings,
-    switch,
-    universal_motor,
-    work,
-)
-from generators.assets.sounds.voices.vacuum_cleaner_pipes import central, wet_dry
 
 
 def canister_hard_floor(count: int, rng: Generator) -> Array:

@@ -7,6 +7,15 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
+from generators.assets.sounds.devices.vacuum_cleaner_parts import (
+    Habit,
+    debris,
+    housing,
+    scraping,
+    surroundings,
+    switch,
+    work,
+)
 from generators.assets.sounds.fans import (
     CONTROL_RATE,
     approach,
@@ -29,15 +38,6 @@ from generators.assets.sounds.fans import (
     turns_of,
 )
 from generators.assets.sounds.signals import Array
-from generators.assets.sounds.voices.vacuum_cleaner_parts import (
-    Habit,
-    debris,
-    housing,
-    scraping,
-    surroundings,
-    switch,
-    work,
-)
 
 
 def stick(count: int, rng: Generator) -> Array:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from generators.assets.sounds.devices import distractors_animate as animate
+from generators.assets.sounds.devices import distractors_machines as machines
+from generators.assets.sounds.devices import distractors_music as music
+from generators.assets.sounds.devices import distractors_street as street
 from generators.assets.sounds.voice import Voice
-from generators.assets.sounds.voices import distractors_animate as animate
-from generators.assets.sounds.voices import distractors_machines as machines
-from generators.assets.sounds.voices import distractors_music as music
-from generators.assets.sounds.voices import distractors_street as street
 
 _KLATT = "Klatt, JASA 67 (1980) 971; vowels of Peterson & Barney, JASA 24 (1952) 175"
 _PUMP = "induction motors: slip of 2 to 6 %, force at twice the mains frequency (textbooks of electrical machines)"

@@ -5,6 +5,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.random import Generator
 
+from generators.assets.sounds.devices.washing_machine_parts import (
+    cabinet,
+    gate,
+    laundry,
+    programme,
+    residual,
+    reversing,
+    roar,
+    slosh,
+    spinning,
+    thumps,
+)
 from generators.assets.sounds.machines import (
     CONTROL_RATE,
     bearing_defect,
@@ -27,18 +39,6 @@ from generators.assets.sounds.machines import (
     wander,
 )
 from generators.assets.sounds.signals import Array, bubbles
-from generators.assets.sounds.voices.washing_machine_parts import (
-    cabinet,
-    gate,
-    laundry,
-    programme,
-    residual,
-    reversing,
-    roar,
-    slosh,
-    spinning,
-    thumps,
-)
 
 
 def universal_belt(count: int, rng: Generator) -> Array:

@@ -9,6 +9,25 @@ import numpy as np
 from numpy.random import Generator
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
+from generators.assets.sounds.devices.microwave_food import commercial_twin, inverter_quiet, popcorn, timer_bell
+from generators.assets.sounds.devices.microwave_parts import (
+    Moments,
+    beeps,
+    clicks,
+    door,
+    duty,
+    inverter,
+    kitchen,
+    lamination_noise,
+    mains,
+    session,
+    shaded_pole_fan,
+    sheet_metal,
+    since_change,
+    spin_down,
+    transformer,
+    turntable,
+)
 from generators.assets.sounds.fans import (
     CONTROL_RATE,
     blades,
@@ -31,25 +50,6 @@ from generators.assets.sounds.fans import (
 )
 from generators.assets.sounds.signals import Array
 from generators.assets.sounds.voice import Voice
-from generators.assets.sounds.voices.microwave_food import commercial_twin, inverter_quiet, popcorn, timer_bell
-from generators.assets.sounds.voices.microwave_parts import (
-    Moments,
-    beeps,
-    clicks,
-    door,
-    duty,
-    inverter,
-    kitchen,
-    lamination_noise,
-    mains,
-    session,
-    shaded_pole_fan,
-    sheet_metal,
-    since_change,
-    spin_down,
-    transformer,
-    turntable,
-)
 
 
 def turntable_transformer(count: int, rng: Generator) -> Array:

@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 from numpy.random import Generator
 
+from generators.assets.sounds.devices import clock_electric as electric
+from generators.assets.sounds.devices import clock_escapements as escapements
 from generators.assets.sounds.signals import Array
 from generators.assets.sounds.voice import Split, Voice
-from generators.assets.sounds.voices import clock_electric as electric
-from generators.assets.sounds.voices import clock_escapements as escapements
 
 _RAWLINGS = "A. L. Rawlings, The Science of Clocks and Watches (2nd ed. 1948)"
 _HEADRICK = "M. V. Headrick, IEEE Control Systems Magazine 22 (2002) 41–52"

@@ -6,10 +6,10 @@ the tolerance of an exchange. The pauses hold the faint sound of a room (`room_t
 
 from __future__ import annotations
 
+from generators.assets.sounds.devices import telephone_bells as bells
+from generators.assets.sounds.devices import telephone_mobile as mobile
+from generators.assets.sounds.devices import telephone_tones as tones
 from generators.assets.sounds.voice import Voice
-from generators.assets.sounds.voices import telephone_bells as bells
-from generators.assets.sounds.voices import telephone_mobile as mobile
-from generators.assets.sounds.voices import telephone_tones as tones
 
 _BELL = "polarised ringer with gongs"
 _CHIP = "tone-ringer circuit with piezo disc or loudspeaker"

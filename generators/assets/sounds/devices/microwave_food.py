@@ -6,6 +6,23 @@ import numpy as np
 from numpy.random import Generator
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
+from generators.assets.sounds.devices.microwave_parts import (
+    Moments,
+    beeps,
+    clicks,
+    door,
+    duty,
+    inverter,
+    kitchen,
+    lamination_noise,
+    mains,
+    session,
+    shaded_pole_fan,
+    sheet_metal,
+    spin_down,
+    transformer,
+    turntable,
+)
 from generators.assets.sounds.fans import (
     CONTROL_RATE,
     Signal,
@@ -26,23 +43,6 @@ from generators.assets.sounds.fans import (
     turns_of,
 )
 from generators.assets.sounds.signals import Array, add_at, bubbles, strike
-from generators.assets.sounds.voices.microwave_parts import (
-    Moments,
-    beeps,
-    clicks,
-    door,
-    duty,
-    inverter,
-    kitchen,
-    lamination_noise,
-    mains,
-    session,
-    shaded_pole_fan,
-    sheet_metal,
-    spin_down,
-    transformer,
-    turntable,
-)
 
 
 def popcorn(count: int, rng: Generator) -> Array:

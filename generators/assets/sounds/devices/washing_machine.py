@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 from numpy.random import Generator
 
+from generators.assets.sounds.devices import washing_machine_drums as drums
+from generators.assets.sounds.devices import washing_machine_tubs as tubs
 from generators.assets.sounds.signals import Array
 from generators.assets.sounds.voice import Split, Voice
-from generators.assets.sounds.voices import washing_machine_drums as drums
-from generators.assets.sounds.voices import washing_machine_tubs as tubs
 
 _GIERAS = "J. F. Gieras, C. Wang, J. C. Lai, Noise of Polyphase Electric Motors (2006)"
 _TIMAR = "P. L. Timár (ed.), Noise and Vibration of Electrical Machines (1989)"

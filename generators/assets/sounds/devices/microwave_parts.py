@@ -103,7 +103,9 @@ def session(count: int, rng: Generator, cook: Range, gap: Range) -> CookingSessi
     def samples(times: Sequence[float]) -> Moments:
         return (np.array(times, dtype=np.float64) * SAMPLE_RATE).astype(np.int64)
 
-    return CookingSession(cooking, samples(starts), samples(ends), samples(opens), samples(closes), samples(keys), before)
+    return CookingSession(
+        cooking, samples(starts), samples(ends), samples(opens), samples(closes), samples(keys), before
+    )
 
 
 def duty(count: int, rng: Generator, cooking: Array, period: float, share: float) -> tuple[Array, Moments]:

@@ -5,6 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.random import Generator
 
+from generators.assets.sounds.devices.vacuum_cleaner_parts import (
+    Habit,
+    debris,
+    hose,
+    scraping,
+    surroundings,
+    switch,
+    universal_motor,
+    work,
+)
 from generators.assets.sounds.fans import (
     CONTROL_RATE,
     Signal,
@@ -24,16 +34,6 @@ from generators.assets.sounds.fans import (
     turns_of,
 )
 from generators.assets.sounds.signals import Array, bubbles
-from generators.assets.sounds.voices.vacuum_cleaner_parts import (
-    Habit,
-    debris,
-    hose,
-    scraping,
-    surroundings,
-    switch,
-    universal_motor,
-    work,
-)
 
 
 def wet_dry(count: int, rng: Generator) -> Array:
