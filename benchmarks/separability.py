@@ -163,16 +163,17 @@ def network(train: Clips, *, epochs: int = 12, seed: int = 0) -> Callable[[Array
     optimiser = torch.optim.AdamW(model.parameters(), 2e-3, weight_decay=1e-2)
     for _ in range(epochs):
         model.train()
-        for index in torch.randperm(len(data)).split(64):
+        for index in torch.split(torch.randperm(len(data)), 64):
             optimiser.zero_grad()
-            nn.functional.cross_entropy(model(data[index]), labels[index], label_smoothing=0.1).backward()
+            loss: Any = nn.functional.cross_entropy(model(data[index]), labels[index], label_smoothing=0.1)
+            loss.backward()
             optimiser.step()
     model.eval()
 
     def ask(clips: Array) -> NDArray[np.int64]:
         with torch.no_grad():
             found = torch.from_numpy((log_mel(clips) - mean) / deviation)[:, None]
-            return np.concatenate([model(part).argmax(dim=1).numpy() for part in found.split(256)])
+            return np.concatenate([model(part).argmax(dim=1).numpy() for part in torch.split(found, 256)])
 
     return ask
 

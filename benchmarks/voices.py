@@ -76,7 +76,8 @@ def recordings(folder: Path, category: str) -> dict[str, tuple[Array, int]]:
 def compare(category: str, folder: Path) -> tuple[dict[str, dict[str, float]], dict[str, list[str]]]:
     """Name → figures of all sounds, and voice → what lies outside the spread of the recordings."""
     known = {f"recording {name}": figures(*sound) for name, sound in recordings(folder, category).items()}
-    table, outside = dict(known), {}
+    table = dict(known)
+    outside: dict[str, list[str]] = {}
     for voice in voices(category):
         units = [figures(_unit(category, voice.name, seed), SAMPLE_RATE) for seed in range(UNITS)]
         mean = {key: float(np.mean([unit[key] for unit in units])) for key in units[0]}

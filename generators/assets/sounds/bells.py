@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator
+from numpy.typing import NDArray
 from scipy.signal import butter, iirpeak, lfilter, sosfilt
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
@@ -143,7 +144,7 @@ class Ringer:
     missed: float
 
 
-def blows(ringer: Ringer, burst: tuple[float, float], rng: Generator) -> tuple[Array, Array, Array]:
+def blows(ringer: Ringer, burst: tuple[float, float], rng: Generator) -> tuple[Array, NDArray[np.int64], Array]:
     """Times, gongs (index) and strengths of the strokes of one burst; the clapper swings up and swings out."""
     start, stop = burst
     half = 0.5 / (ringer.current * (1 + rng.normal(0.0, 0.004)))
@@ -266,4 +267,4 @@ def wave(phase: Array, amplitudes: Sequence[float] | Array, rng: Generator) -> A
     table = np.zeros(size)
     for order, amplitude in enumerate(amplitudes, start=1):
         table += amplitude * np.sin(order * turn + rng.uniform(0, 2 * np.pi))
-    return table[(phase * (size / (2 * np.pi))).astype(np.int64) & (size - 1)]
+    return np.asarray(table[(phase * (size / (2 * np.pi))).astype(np.int64) & (size - 1)])

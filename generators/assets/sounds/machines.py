@@ -185,12 +185,13 @@ def plate(rng: Generator, low: float, high: float, number: int, loss: float, slo
     return VibratingBody(frequencies, decays, gains, rng.uniform(-0.6, 0.6, number))
 
 
-def bar_or_bell(rng: Generator, base: float, ratios: Sequence[float], decay: float, fall: float = 1.0) -> VibratingBody:
+def bar_or_bell(rng: Generator, base: float, ratios: ArrayLike, decay: float, fall: float = 1.0) -> VibratingBody:
     """A tuned part: partials at ``ratios`` of ``base``, decays ``decay``·ratio^−fall, each with a twin (beats)."""
-    exact = base * np.asarray(ratios) * np.exp(rng.normal(0, 0.006, len(ratios)))
-    frequencies = np.concatenate([exact, exact * (1 + rng.uniform(0.0006, 0.004, len(ratios)))])
-    decays = np.tile(decay * np.asarray(ratios) ** -fall, 2) * np.exp(rng.normal(0, 0.15, 2 * len(ratios)))
-    gains = np.exp(rng.normal(0, 0.4, 2 * len(ratios))) * np.repeat([1.0, 0.5], len(ratios))
+    partials = np.asarray(ratios, dtype=np.float64)
+    exact = base * partials * np.exp(rng.normal(0, 0.006, len(partials)))
+    frequencies = np.concatenate([exact, exact * (1 + rng.uniform(0.0006, 0.004, len(partials)))])
+    decays = np.tile(decay * np.asarray(ratios) ** -fall, 2) * np.exp(rng.normal(0, 0.15, 2 * len(partials)))
+    gains = np.exp(rng.normal(0, 0.4, 2 * len(partials))) * np.repeat([1.0, 0.5], len(partials))
     kept = frequencies < 15_000
     return VibratingBody(frequencies[kept], decays[kept], gains[kept], rng.uniform(-0.6, 0.6, int(kept.sum())))
 

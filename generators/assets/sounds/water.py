@@ -40,7 +40,7 @@ def _to_bins() -> NDArray[np.float32]:
     # A window of a frame has no use for a constant.
     weights[:, 0] = 0.0
     weights[:, bins > BANDS[-1]] = 0.0
-    return weights.astype(np.float32)
+    return np.asarray(weights, dtype=np.float32)
 
 
 _WEIGHTS = _to_bins()
@@ -48,7 +48,7 @@ _WEIGHTS = _to_bins()
 
 def frame_times(count: int) -> Array:
     """(frames,) moments (s) at which the levels of flows are given."""
-    return np.arange(-(-count // HOP) + 1) * (HOP / SAMPLE_RATE)
+    return np.arange(-(-count // HOP) + 1, dtype=np.float64) * (HOP / SAMPLE_RATE)
 
 
 def frame_drift(frames: int, rng: Generator, rate: float, depth: float) -> Array:
@@ -114,7 +114,8 @@ def _field(frames: int, rng: Generator, depth: float, pace: float) -> Array:
     """(frames, bands) random curves of that SD, smooth in time and over neighbouring bands."""
     keep = float(np.exp(-pace * HOP / SAMPLE_RATE))
     noise = rng.standard_normal((frames + 40, len(BANDS) + 4))
-    near = sum(w * noise[:, k : k + len(BANDS)] for k, w in enumerate((0.3, 0.75, 1.0, 0.75, 0.3))) / 1.52
+    spread = (0.3, 0.75, 1.0, 0.75, 0.3)
+    near = np.sum([w * noise[:, k : k + len(BANDS)] for k, w in enumerate(spread)], axis=0) / 1.52
     smooth = lfilter([np.sqrt(1 - keep**2)], [1.0, -keep], near, axis=0)[40:]
     # What all bands share: lumps of water, and the slow wandering of the flow.
     lumps = 0.65 * frame_drift(frames, rng, 0.8 * pace, 1.0) + 0.5 * frame_drift(frames, rng, 0.7, 1.0)

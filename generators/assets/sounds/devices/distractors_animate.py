@@ -83,7 +83,7 @@ def _bark(rng: Generator, pitch: float, seconds: float, harsh: float, formants: 
     arch = np.interp(t, [0, top, 1], [0.75, 1.0, rng.uniform(0.5, 0.75)])
     wild = np.cumsum(rng.normal(0.0, harsh * 0.002, n))
     phase = phase_of(pitch * arch * np.exp(np.clip(wild, -0.3, 0.3)), n)
-    orders = np.arange(1, max(4, int(9000 / pitch)))
+    orders = np.arange(1.0, max(4, int(9000 / pitch)))
     source = wave(phase, orders ** -rng.uniform(0.9, 1.4), rng)
     # Subharmonics, as of two folds that do not swing together.
     source = source * (1 + harsh * rng.uniform(0.3, 0.9) * np.sin(0.5 * phase))
@@ -135,7 +135,7 @@ def _panting(out: Array, rng: Generator, formants: list[tuple[float, float]], le
     rate = rng.uniform(2.0, 5.0) * (1 + slow_curve(count, rng, 0.5, 0.1))
     breath = np.clip(np.sin(phase_of(rate, count)), -0.6, 1.0) ** 2
     noise = _tract(rng.standard_normal(count), [(f, 3 * b) for f, b in formants[1:4]])
-    return out + level * unit(noise) * breath * np.clip(0.6 + slow_curve(count, rng, 0.3, 0.5), 0.05, 1.5)
+    return np.asarray(out + level * unit(noise) * breath * np.clip(0.6 + slow_curve(count, rng, 0.3, 0.5), 0.05, 1.5))
 
 
 def small_yap(count: int, rng: Generator) -> Array:

@@ -32,7 +32,7 @@ def _jets(count: int, rng: Generator, rate: Array, dull: float) -> Array:
     body = spectrum_noise(count, rng, _TUB, [-20, -8, -3, 0, -3, -8 + dull, -14 + 2 * dull, -22 + 3 * dull, -45])
     splash = spectrum_noise(count, rng, _TUB, [-40, -30, -18, -8, -2, 0, -5 + dull, -14 + 2 * dull, -40])
     beat = np.exp(slow_curve(count, rng, 22.0, 0.22))
-    return near * body + 0.6 * near[::-1] * splash * beat + 0.5 * (near - near.mean()) * splash
+    return np.asarray(near * body + 0.6 * near[::-1] * splash * beat + 0.5 * (near - near.mean()) * splash)
 
 
 def _pump(count: int, rng: Generator, turns: Array, blades: int, motor: tuple[float, ...]) -> Array:
@@ -107,10 +107,10 @@ def drain_and_fill(count: int, rng: Generator) -> Array:
     hiss = spectrum_noise(count, rng, _TUB, [-35, -22, -12, -6, -2, 0, -3, -10, -32])
     whistle = lfilter(*iirpeak(rng.uniform(900, 2600), rng.uniform(15, 40), fs=SAMPLE_RATE), hiss)
     splash = bubbles(count, rng, 90.0 * filling + 1.0, (0.8, 4.0))
-    panel = [(f, 8.0, 1.0) for f in rng.uniform(150, 700, 3)]
+    panel = [(float(f), 8.0, 1.0) for f in rng.uniform(150, 700, 3)]
     pump = pumping * (1 + 0.3 * air) * resonator(unit(slap), panel, 0.3)
-    fill = filling * (0.25 * hiss + rng.uniform(0.5, 2.0) * whistle) + 0.3 * splash
-    return over_room_tone(0.5 * pump + pumping * air * 0.35 * rush + 0.3 * gulps + fill + 0.02 * rush, rng)
+    water = filling * (0.25 * hiss + rng.uniform(0.5, 2.0) * whistle) + 0.3 * splash
+    return over_room_tone(0.5 * pump + pumping * air * 0.35 * rush + 0.3 * gulps + water + 0.02 * rush, rng)
 
 
 def _blades(count: int, rng: Generator, turns: Array, blades: int, uneven: float) -> Array:
@@ -187,7 +187,8 @@ def _collapses(count: int, rng: Generator, rate: Array, low: float, high: float)
     peak = float(rate.max())
     starts = np.sort(rng.integers(0, count, rng.poisson(peak * count / SAMPLE_RATE)))
     kept = starts[rng.uniform(0, peak, len(starts)) < rate[starts]]
-    impulses = np.bincount(kept, rng.lognormal(0.0, 0.9, len(kept)) * rng.choice([-1, 1], len(kept)), count)
+    weights = rng.lognormal(0.0, 0.9, len(kept)) * rng.choice([-1.0, 1.0], len(kept))
+    impulses = np.asarray(np.bincount(kept, weights, count), dtype=np.float64)
     peaks = [(f, rng.uniform(1.5, 6.0), rng.uniform(0.4, 1)) for f in np.exp(rng.uniform(np.log(low), np.log(high), 6))]
     heard = lfilter(*butter(2, rng.uniform(5000.0, 9000.0), fs=SAMPLE_RATE), resonator(impulses, peaks, 0.12))
     return unit(heard)

@@ -111,7 +111,7 @@ def closed_window(count: int, rng: Generator) -> Array:
     rolling = spectrum_noise(count, rng, *_TYRES)
     far = spectrum_noise(count, rng, *_ENGINES) * np.exp(slow_curve(count, rng, 0.2, 0.3))
     outside = tyres * rolling + 0.6 * engines + 0.35 * far
-    idle = wave(turning(count, rng, rng.uniform(9.0, 13.0), 0.01, 0.01), np.arange(1, 31) ** -0.5, rng)
+    idle = wave(turning(count, rng, rng.uniform(9.0, 13.0), 0.01, 0.01), np.arange(1.0, 31.0) ** -0.5, rng)
     outside += 0.2 * unit(idle) * np.clip(0.3 + slow_curve(count, rng, 0.06, 0.7), 0.0, 1.0)
     # Mass law: 6 dB per octave; a leak at the frame lets a little of all pass.
     pane = sosfilt(butter(1, rng.uniform(120.0, 350.0), fs=SAMPLE_RATE, output="sos"), outside)

@@ -30,7 +30,8 @@ _NETWORKS = ((UNITED_KINGDOM, 25.0), (NORTH_AMERICA, 20.0), (GERMANY, 25.0), (FR
 def _square(rng: Generator, highest: float, duty: float) -> Array:
     """Amplitudes of a pulse wave's harmonics up to 15 kHz, its edges rounded."""
     orders = np.arange(1, max(2, int(15_000.0 / highest)) + 1)
-    return np.abs(np.sin(np.pi * orders * duty)) / orders * np.exp(-orders * highest / rng.uniform(12_000.0, 30_000.0))
+    fall = np.exp(-orders * highest / rng.uniform(12_000.0, 30_000.0))
+    return np.asarray(np.abs(np.sin(np.pi * orders * duty)) / orders * fall)
 
 
 def _switched(count: int, rng: Generator, warble: float, share: float) -> Array:

@@ -120,7 +120,8 @@ def _seat(take: _Take, moment: float, level: float) -> None:
 def _filling(take: _Take, low: float, high: float, spans: list[tuple[float, float]]) -> Array:
     """(frames,) resonance (Hz) of the air in a vessel that fills (P. A. Cabe, J. B. Pittenger 2000)."""
     corners = [(m, v) for begin, end in spans for m, v in ((begin, low), (end, high), (end + 0.5, low))]
-    return np.interp(take.line.times, *np.array(corners or [(0.0, low)]).T)
+    moments, values = np.array(corners or [(0.0, low)]).T
+    return np.asarray(np.interp(take.line.times, moments, values))
 
 
 def washdown_close_coupled(count: int, rng: Generator) -> Array:
@@ -277,7 +278,7 @@ def vacuum_marine(count: int, rng: Generator) -> Array:
         take.at(down - 0.02, 2.0, knock(rng, 80, 2200, 0.18, 9))
         take.line.add("pump", (up, 0.55), (up + 0.5, 1.0), (late + 4.0, 0.9), (late + 9.0, 0.55))
         now = late + rng.uniform(5.0, 12.0)
-    shape = {63: -20, 125: -12, 250: -4, 500: 0, 1000: -1, 2000: -4, 4000: -8, 8000: -13, 16_000: -24}
+    shape: Spectrum = {63: -20, 125: -12, 250: -4, 500: 0, 1000: -1, 2000: -4, 4000: -8, 8000: -13, 16_000: -24}
     air = flow(count, rng, take.power("air", spectrum(shape, rng, 0.8, 2.0, 3), 2.6, 25.0))
     power = take.power("rinse", spectrum(_RIM, rng), 1.0) + take.power("drain", spectrum(_SUCTION, rng), 5.0, 20.0)
     power += take.power("-", spectrum(_RESIDUE, rng), 1.0, least=0.05)
@@ -324,7 +325,7 @@ def rimless_dual_flush(count: int, rng: Generator) -> Array:
     frames = len(take.line.times)
     phase = 2 * np.pi * np.cumsum(turns * np.exp(frame_drift(frames, rng, 0.8, 0.15))) * (HOP / SAMPLE_RATE)
     swirl = 1.0 + 0.45 * np.sin(phase) + 0.12 * np.sin(2 * phase + 1.0)
-    shape = {63: -26, 125: -17, 250: -9, 500: -3, 1000: 0, 2000: -2, 4000: -5, 8000: -10, 16_000: -23}
+    shape: Spectrum = {63: -26, 125: -17, 250: -9, 500: -3, 1000: 0, 2000: -2, 4000: -5, 8000: -10, 16_000: -23}
     power = take.power("flush", spectrum(shape, rng, 0.8), 2.5, 10.0) * swirl[:, None]
     power += take.power("fill", spectrum(_QUIET_VALVE, rng), 0.8, 6.0) * moving_peak(
         _filling(take, 300, 800, spans), 4.0, 6.0
@@ -401,7 +402,7 @@ def high_level_cistern(count: int, rng: Generator) -> Array:
         bend = np.linspace(0.0, 1.0, size)
         take.at(end - size / SAMPLE_RATE, sings, whistle(rng, pitch * (1.0 - 0.2 * bend), np.sin(np.pi * bend), 0.02))
         now = end + rng.uniform(2.0, 7.0)
-    shape = {63: -10, 125: -4, 250: -1, 500: 0, 1000: -3, 2000: -6, 4000: -11, 8000: -18, 16_000: -32}
+    shape: Spectrum = {63: -10, 125: -4, 250: -1, 500: 0, 1000: -3, 2000: -6, 4000: -11, 8000: -18, 16_000: -32}
     falling = flow(count, rng, take.power("pipe", spectrum(shape, rng), 2.0, 14.0))
     power = take.power("flush", spectrum(_PLUME, rng, 0.8), 3.0, 13.0)
     power += take.power("cough", spectrum(_SUCTION, rng), 5.0, 18.0)
@@ -444,7 +445,7 @@ def concealed_wall(count: int, rng: Generator) -> Array:
     place = np.log2(BANDS)
     wall = -6.0 * np.maximum(0.0, place - np.log2(180.0)) + 9.0 * np.exp(-np.square((place - np.log2(dip)) / 0.35))
     wall += 4.0 * np.exp(-np.square((place - np.log2(cavity)) / 0.3))
-    shape = {63: -28, 125: -17, 250: -7, 500: -2, 1000: 0, 2000: -2, 4000: -4, 8000: -7, 16_000: -20}
+    shape: Spectrum = {63: -28, 125: -17, 250: -7, 500: -2, 1000: 0, 2000: -2, 4000: -4, 8000: -7, 16_000: -20}
     power = take.power("flush", spectrum(shape, rng, 0.8), 2.5, 11.0)
     power += take.power("fill", spectrum(_VALVE, rng) + wall, 1.0) * moving_peak(
         _filling(take, 200, 520, spans), 3.0, 6.0
@@ -528,7 +529,7 @@ def flushometer_piston(count: int, rng: Generator) -> Array:
         take.at(now + own, rng.uniform(1.5, 2.6), hammer(rng, metres, rng.uniform(0.5, 1.0)))
         now += own + rng.uniform(3.0, 10.0)
     beat = 1.0 + 0.35 * frame_drift(len(take.line.times), rng, 2.0 * chatter, 1.0)
-    shape = {63: -14, 125: -8, 250: -3, 500: 0, 1000: -1, 2000: -3, 4000: -6, 8000: -11, 16_000: -24}
+    shape: Spectrum = {63: -14, 125: -8, 250: -3, 500: 0, 1000: -1, 2000: -3, 4000: -6, 8000: -11, 16_000: -24}
     power = 0.5 * take.power("jet", spectrum(shape, rng, 1.0, 2.5, 3), 1.5, 14.0) * np.square(beat)[:, None]
     power += 0.8 * take.power("pan", spectrum(_PLUME, rng, 1.0, 2.0, 3), 2.5, 12.0)
     power += 0.2 * take.power("squeeze", spectrum(_VALVE, rng), 2.0, 14.0)
