@@ -12,7 +12,7 @@ from generators.assets.sounds.devices.microwave_parts import (
     transformer,
 )
 from generators.assets.sounds.fans import CONTROL_RATE, frames, turns_of
-from generators.assets.sounds.library import voices
+from generators.assets.sounds import voices
 
 SR = 44_100
 VOICES = voices("microwave")

@@ -78,7 +78,7 @@ def turntable_transformer(count: int, rng: Generator) -> Array:
         + 2.5 * door(count, rng, held)
         + rng.uniform(0.6, 1.4) * beeps(count, rng, held.ends + 9000, pitch, rng.uniform(0.4, 0.8), 1.2, 3)
         + 0.6 * beeps(count, rng, held.keys, pitch, 0.09, 1.0, 1)
-        + kitchen(count, rng, held.cooking),
+        + 2.5 * kitchen(count, rng, held.cooking),
         dtype=np.float64,
     )
 
@@ -121,7 +121,7 @@ def rattling_compact(count: int, rng: Generator) -> Array:
         + 2.5 * clicks(count, rng, relay, 700.0, 5000.0)
         + 2.0 * door(count, rng, held)
         + 0.9 * beeps(count, rng, held.ends + 5000, rng.uniform(2500.0, 2900.0), rng.uniform(0.9, 1.5), 2.0, 1)
-        + kitchen(count, rng, held.cooking),
+        + 1.5 * kitchen(count, rng, held.cooking),
         dtype=np.float64,
     )
 

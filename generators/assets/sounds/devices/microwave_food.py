@@ -82,7 +82,7 @@ def popcorn(count: int, rng: Generator) -> Array:
         + 1.5 * clicks(count, rng, held.starts, 600.0, 4000.0)
         + 2.5 * door(count, rng, held)
         + 0.8 * beeps(count, rng, held.ends + 9000, rng.uniform(2050.0, 2200.0), 0.3, 0.6, 4)
-        + kitchen(count, rng, held.cooking),
+        + 1.8 * kitchen(count, rng, held.cooking),
         dtype=np.float64,
     )
 
@@ -153,7 +153,7 @@ def timer_bell(count: int, rng: Generator) -> Array:
         + rng.uniform(1.0, 2.0) * _bell(count, rng, held.ends)
         + 3.0 * clicks(count, rng, relay, 350.0, 3000.0, 0.06)
         + 3.0 * door(count, rng, held)
-        + kitchen(count, rng, held.cooking),
+        + 1.6 * kitchen(count, rng, held.cooking),
         dtype=np.float64,
     )
 
@@ -255,6 +255,6 @@ def commercial_twin(count: int, rng: Generator) -> Array:
         + 0.4 * clatter
         + 1.2 * beeps(count, rng, held.ends + 4000, rng.uniform(2850.0, 3050.0), rng.uniform(0.5, 0.9), 1.3, 2)
         + 0.7 * beeps(count, rng, held.keys, 2900.0, 0.12, 1.0, 1)
-        + kitchen(count, rng, held.cooking),
+        + 1.5 * kitchen(count, rng, held.cooking),
         dtype=np.float64,
     )

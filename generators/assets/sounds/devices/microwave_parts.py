@@ -40,7 +40,7 @@ _ORDERS = 120
 
 
 @dataclass(frozen=True)
-class CookingSession:
+class OvenUse:
     """A kitchen's use of an oven: cooking (slow curve, 0 or 1) and the samples of what happens.
 
     Attributes:
@@ -69,7 +69,7 @@ class CookingSession:
         return np.asarray(np.where(self.cooking > 0, places - resting, 0) / CONTROL_RATE)
 
 
-def session(count: int, rng: Generator, cook: Range, gap: Range) -> CookingSession:
+def session(count: int, rng: Generator, cook: Range, gap: Range) -> OvenUse:
     """Cooking for ``cook`` seconds, then ``gap`` seconds with the door, the dish and the keys, and again."""
     starts, ends, opens, closes, keys = [], [], [], [], []
     edges, levels, now, before = [-1.0], [1.0], 0.0, 0.0
@@ -103,9 +103,7 @@ def session(count: int, rng: Generator, cook: Range, gap: Range) -> CookingSessi
     def samples(times: Sequence[float]) -> Moments:
         return (np.array(times, dtype=np.float64) * SAMPLE_RATE).astype(np.int64)
 
-    return CookingSession(
-        cooking, samples(starts), samples(ends), samples(opens), samples(closes), samples(keys), before
-    )
+    return OvenUse(cooking, samples(starts), samples(ends), samples(opens), samples(closes), samples(keys), before)
 
 
 def duty(count: int, rng: Generator, cooking: Array, period: float, share: float) -> tuple[Array, Moments]:
@@ -254,7 +252,7 @@ def clicks(count: int, rng: Generator, at: Moments, low: float, high: float, dec
     return struck(count, rng, both, force, body + ripple(rng, 4.0, 6.0), decay)
 
 
-def door(count: int, rng: Generator, held: CookingSession) -> Signal:
+def door(count: int, rng: Generator, held: OvenUse) -> Signal:
     """The door: latch and spring when it opens, latch and the thud of the cavity when it closes, dishes between."""
     thud = slopes([(70.0, -6.0), (190.0, 0.0), (600.0, -9.0), (3000.0, -26.0)]) + ripple(rng, 4.0)
     force = rng.uniform(1.5, 3.5, len(held.closes))

@@ -192,7 +192,7 @@ def robot(count: int, rng: Generator) -> Array:
         gears += rotor(turns, orders, rng, 120.0, 0.3, 0.3) * expand(np.minimum(np.abs(wheel), 1.0), count)
     arms = int(rng.integers(3, 6))
     side = arms * turns_of(rng.uniform(2.5, 4.0) * (1.0 + slow(count, rng, 2.0, 0.03)), count, rng.random())
-    flick = np.exp(-5.0 * np.mod(side + expand(slow(count, rng, 6.0, 0.03), count), 1.0))
+    flick = np.exp(-5.0 * np.mod(side + expand(slow(count, rng, 6.0, 0.03), count), 1.0).astype(np.float32))
     bristles = noise(count, rng, turbulence(rng, rng.uniform(2200.0, 4500.0), 5.0, 6.0, 2.5)) * flick
     roll = turns_of(rng.uniform(12.0, 20.0) * (1.0 - 0.1 * rug + slow(count, rng, 3.0, 0.01)), count, rng.random())
     drum = rotor(roll, {k: rng.uniform(0.3, 1.0) for k in range(2, 26)}, rng, 20.0, 0.3, 0.3)
