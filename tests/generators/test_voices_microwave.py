@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from generators.assets.sounds import voices
 from generators.assets.sounds.devices.microwave_parts import (
     beeps,
     duty,
@@ -12,7 +13,6 @@ from generators.assets.sounds.devices.microwave_parts import (
     transformer,
 )
 from generators.assets.sounds.fans import CONTROL_RATE, frames, turns_of
-from generators.assets.sounds import voices
 
 SR = 44_100
 VOICES = voices("microwave")

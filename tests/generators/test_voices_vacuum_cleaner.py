@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from generators.assets.sounds import voices
 from generators.assets.sounds.devices.vacuum_cleaner_parts import Habit, universal_motor, work
 from generators.assets.sounds.fans import frames
-from generators.assets.sounds import voices
 
 SR = 44_100
 VOICES = voices("vacuum_cleaner")
