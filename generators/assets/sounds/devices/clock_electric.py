@@ -139,12 +139,12 @@ def synchronous(count: int, rng: Generator) -> Array:
     teeth = turned(np.full(control_count(count), rotor * (rng.integers(6, 11) if rotor < 20 else 1.0)))
     marks = np.arange(0.0, teeth[-1])
     wheel, slow = rng.uniform(16, 50), rng.uniform(120, 400)
-    force = 0.7 + 0.7 * np.sin(2 * np.pi * marks / wheel) + 0.3 * np.sin(2 * np.pi * marks / slow)
+    force = 0.7 + 1.0 * np.sin(2 * np.pi * marks / wheel) + 0.3 * np.sin(2 * np.pi * marks / slow)
     force = np.clip(force, 0.0, None) * np.exp(rng.normal(0, 0.5, len(marks)))
     times = np.interp(marks + rng.normal(0, 0.08, len(marks)), teeth, np.arange(len(teeth)) / CONTROL_RATE)
     rattle = drummed(count, rng, train, times, force, 6e-5, 0.4)
     bearing = sloped(count, rng, 600, 9000, -2.5) * expand(np.exp(wander(count, rng, min(rotor, 10.0), 0.3)), count)
-    return np.asarray(0.11 * hum + rng.uniform(0.2, 0.4) * rattle / max(float(rattle.std()), 1e-9) + 0.12 * bearing)
+    return np.asarray(0.06 * hum + rng.uniform(0.2, 0.4) * rattle / max(float(rattle.std()), 1e-9) + 0.08 * bearing)
 
 
 def flip(count: int, rng: Generator) -> Array:
@@ -167,7 +167,7 @@ def flip(count: int, rng: Generator) -> Array:
     rebound = fallen + rng.uniform(0.03, 0.06, len(falls))
     claps = np.concatenate([fallen, rebound, rebound + rng.uniform(0.012, 0.03, len(falls))])
     force = np.repeat([1.0, 0.3, 0.12], len(falls)) * np.exp(rng.normal(0, 0.25, len(claps)))
-    leaf = plate(rng, 800, 11_000, 36, 0.06, slope=0.0)
+    leaf = plate(rng, 800, 12_000, 38, 0.06, slope=1.0)
     slip = sloped(count, rng, 1500, 7000, -2.0) * expand(bursts(count, falls, 1.0, 0.03, 0.12), count)
     rate = rng.uniform(1.8, 5.0)
     ticks = np.cumsum(1 / rate + rng.normal(0, 0.02 / rate, int(rate * count / SAMPLE_RATE * 1.1) + 4))
@@ -177,11 +177,11 @@ def flip(count: int, rng: Generator) -> Array:
         np.exp(wander(count, rng, 4.0, 0.4)), count
     )
     return np.asarray(
-        0.10 * hum
+        0.03 * hum
         + 0.5 * struck(count, rng, leaf, claps, force, 5e-5, 0.5)
         + 0.5 * struck(count, rng, box, claps, force, 4e-4, 0.4)
         + 0.15 * slip
-        + 1.1 * ratchet
-        + 0.08 * driven(mesh, box)
-        + 0.05 * sloped(count, rng, 300, 8000, -2.5)
+        + 1.5 * ratchet
+        + 0.02 * driven(mesh, box)
+        + 0.02 * sloped(count, rng, 300, 9000, -1.5)
     )

@@ -20,7 +20,6 @@ from generators.assets.sounds.devices.washing_machine_parts import (
 from generators.assets.sounds.machines import (
     CONTROL_RATE,
     bearing_defect,
-    course,
     driven,
     drummed,
     expand,
@@ -56,12 +55,12 @@ def universal_belt(count: int, rng: Generator) -> Array:
     noise = roar(count, rng, rng.uniform(110, 170), -6.5)
     water = 0.3 * np.square(np.sin(2 * np.pi * turned(wash) + wander(count, rng, 0.7, 0.8))) * np.abs(wash)
     return np.asarray(
-        0.30 * driven(motor, body)
+        0.12 * driven(motor, body)
         + 0.06 * motor
-        + 1.3 * rolling(count, rng, speed, top, noise)
-        + 0.35 * laundry(count, rng, wash, body, 3, 0.12)
-        + 0.03 * thumps(count, rng, speed, body, rng.uniform(3.0, 4.5), 0.2)
-        + 0.3 * slosh(count, rng, water, (1.5, 7.0), 60.0)
+        + 1.6 * rolling(count, rng, speed, top, noise)
+        + 1.0 * laundry(count, rng, wash, body, 3, 0.12)
+        + 0.5 * thumps(count, rng, speed, body, rng.uniform(3.0, 4.5), 0.2)
+        + 1.2 * slosh(count, rng, water, (1.5, 7.0), 60.0)
         + 0.16 * residual(count, rng)
     )
 
@@ -76,16 +75,16 @@ def direct_drive(count: int, rng: Generator) -> Array:
     top = rng.uniform(15.0, 22.0)
     wash = rng.uniform(0.58, 0.72) * reversing(count, rng, (14, 24), (0.8, 1.6), 1.2) * gate(count, spans, "wash")
     speed = np.abs(wash) + spinning(count, rng, spans, "spin", (1.4, 0.3 * top, 0.65 * top, top))
-    body = plate(rng, 70, 3600, 40, 0.035, slope=-2.2)
+    body = plate(rng, 70, 3600, 40, 0.07, slope=-2.2)
     motor = permanent_magnet_motor(count, rng, speed, top, 24, 36, rng.uniform(7500, 9500))
     noise = roar(count, rng, rng.uniform(75, 110), -5.6, 4500)
     water = 0.5 * np.abs(wash) * (0.85 + 0.15 * np.sin(2 * np.pi * turned(wash)))
     return np.asarray(
-        0.5 * driven(motor, body)
+        0.3 * driven(motor, body)
         + 0.06 * motor
         + 1.5 * rolling(count, rng, speed, top, noise)
-        + 0.2 * laundry(count, rng, wash, cabinet(rng, 45, 800, 0.05), 3, 0.12)
-        + 0.3 * slosh(count, rng, water, (2.5, 11.0), 35.0)
+        + 1.0 * laundry(count, rng, wash, cabinet(rng, 45, 800, 0.05), 3, 0.12)
+        + 0.9 * slosh(count, rng, water, (2.5, 11.0), 35.0)
         + 0.2 * residual(count, rng, 70.0)
     )
 
@@ -110,10 +109,10 @@ def inverter_belt(count: int, rng: Generator) -> Array:
     pump = synchronous_pump(count, rng, 50.0, plate(rng, 180, 2600, 18, 0.05), air)
     noise = roar(count, rng, rng.uniform(80, 130), -5.5, 7000)
     return np.asarray(
-        (0.55 * driven(motor, body) + 0.08 * motor + meshing) * expand(flap, count)
+        (0.35 * driven(motor, body) + 0.08 * motor + meshing) * expand(flap, count)
         + 1.5 * rolling(count, rng, speed, top, noise)
-        + 0.05 * thumps(count, rng, speed, body, rng.uniform(3.5, 5.5), 0.15)
-        + 0.35 * pump * expand(0.25 + 0.75 * gate(count, spans, "drain", 0.3), count)
+        + 0.5 * thumps(count, rng, speed, body, rng.uniform(3.5, 5.5), 0.15)
+        + 0.5 * pump * expand(0.25 + 0.75 * gate(count, spans, "drain", 0.3), count)
         + 0.12 * residual(count, rng)
     )
 
@@ -136,12 +135,12 @@ def two_speed_filling(count: int, rng: Generator) -> Array:
     splash = filling * (0.5 + 0.3 * np.sin(2 * np.pi * turned(wash)) ** 2)
     relay = np.flatnonzero(np.diff((np.abs(run) > 0.3).astype(int))) / CONTROL_RATE
     return np.asarray(
-        (0.16 * driven(motor, body) + 0.06 * motor) * expand(on, count)
+        (0.12 * driven(motor, body) + 0.06 * motor) * expand(on, count)
         + 0.9 * rolling(count, rng, wash, 0.8, roar(count, rng, 85, -6.5))
-        + 0.3 * laundry(count, rng, wash, body, 3, 0.15)
-        + (0.24 * hiss + 0.22 * pipe) * expand(filling, count)
-        + 0.35 * slosh(count, rng, splash + 0.2 * np.abs(run), (0.9, 6.0), 90.0)
-        + 0.25 * struck(count, rng, plate(rng, 700, 5000, 14, 0.03), relay, 1.0, 2e-4)
+        + 0.8 * laundry(count, rng, wash, body, 3, 0.15)
+        + (0.3 * hiss + 0.22 * pipe) * expand(filling, count)
+        + 0.6 * slosh(count, rng, splash + 0.2 * np.abs(run), (0.9, 6.0), 90.0)
+        + 0.5 * struck(count, rng, plate(rng, 700, 5000, 14, 0.03), relay, 1.0, 2e-4)
         + 0.4 * residual(count, rng)
     )
 
@@ -164,11 +163,11 @@ def drain_pump(count: int, rng: Generator) -> Array:
     flow = expand((1.0 - 0.4 * slurping) * np.exp(wander(count, rng, 2.0, 0.1)), count)
     return np.asarray(
         0.55 * pump
-        + 0.5 * driven(pump, body)
+        + 0.2 * driven(pump, body)
         + 0.4 * hose * flow
-        + 0.5 * bubbles(count, rng, 8.0 + 50.0 * expand(slurping * gulps, count), (2.5, 14.0))
-        + 0.6 * rolling(count, rng, crawl, 0.8, roar(count, rng, 75, -5.5))
-        + 0.15 * laundry(count, rng, crawl, body, 3, 0.1)
+        + 1.0 * bubbles(count, rng, 8.0 + 50.0 * expand(slurping * gulps, count), (2.5, 14.0))
+        + 0.8 * rolling(count, rng, crawl, 0.8, roar(count, rng, 55, -5.5))
+        + 0.35 * laundry(count, rng, crawl, body, 3, 0.1)
         + 0.12 * residual(count, rng)
     )
 
@@ -199,12 +198,12 @@ def walking_spin(count: int, rng: Generator) -> Array:
     motor = universal_motor(count, rng, ratio * speed, ratio * top, int(rng.choice([20, 22])), 60.0)
     body = cabinet(rng, 85, 1700, 0.05)
     return np.asarray(
-        0.28 * driven(motor, body)
+        0.12 * driven(motor, body)
         + 0.07 * motor
         + 1.3 * rolling(count, rng, speed, top, roar(count, rng, 150, -6.0))
-        + 0.20 * feet
-        + 0.10 * panel
-        + 0.2 * laundry(count, rng, tumble, body, 2, 0.1)
+        + 0.8 * feet
+        + 0.4 * panel
+        + 0.8 * laundry(count, rng, tumble, body, 2, 0.1)
         + 0.15 * residual(count, rng)
     )
 
@@ -221,16 +220,16 @@ def worn_bearing(count: int, rng: Generator) -> Array:
     body = plate(rng, 110, 2600, 30, 0.05, slope=-2.5)
     growl = bearing_defect(count, rng, speed, int(rng.integers(7, 10)), body)
     other = bearing_defect(count, rng, 1.02 * speed, int(rng.integers(7, 10)), cabinet(rng, 60, 900, 0.06))
-    grinding = rolling(count, rng, speed, top, driven(roar(count, rng, 200, -4.0), body))
+    noise = roar(count, rng, 60, -5.2, 7000)
+    noise = 1.3 * noise + 0.3 * driven(noise, body)
     pump = synchronous_pump(count, rng, 50.0, plate(rng, 240, 2200, 14, 0.06), 0.1 + 0.0 * speed)
-    shower = course(count, [0.0], [1.0]) * gate(count, spans, "rinse", 1.0)
+    shower = gate(count, spans, "rinse", 1.0)
     return np.asarray(
-        2.5 * growl
-        + 3.5 * other
-        + 0.8 * grinding
-        + 1.3 * rolling(count, rng, speed, top, roar(count, rng, 60, -5.2, 7000))
-        + 0.3 * laundry(count, rng, rinse, body, 4, 0.1)
-        + 0.25 * pump * expand(0.1 + shower, count)
-        + 0.3 * slosh(count, rng, 0.5 * shower, (0.8, 4.0), 70.0)
+        45.0 * growl
+        + 40.0 * other
+        + rolling(count, rng, speed, top, noise)
+        + 1.0 * laundry(count, rng, rinse, body, 4, 0.1)
+        + 0.5 * pump * expand(0.1 + shower, count)
+        + 0.9 * slosh(count, rng, 0.5 * shower, (0.8, 4.0), 70.0)
         + 0.15 * residual(count, rng)
     )

@@ -58,13 +58,13 @@ def agitator_gearcase(count: int, rng: Generator) -> Array:
     teeth = driven(roar(count, rng, 150, -5.0), case) * expand(0.35 * agitating + 0.25 * motion, count)
     surge = 0.12 * agitating + 0.4 * motion**2
     return np.asarray(
-        0.24 * driven(motor, body)
+        0.08 * driven(motor, body)
         + 0.07 * motor
-        + 0.5 * teeth
-        + 0.35 * struck(count, rng, case, reversals, force, 1.5e-3, 0.4)
-        + 0.9 * rolling(count, rng, spin + 2.5 * agitating, 10.0, roar(count, rng, 65, -5.0, 7000))
-        + 0.45 * slosh(count, rng, surge, (2.0, 10.0), 50.0)
-        + 0.02 * thumps(count, rng, spin, body, 2.5, 0.2)
+        + 0.25 * teeth
+        + 2.0 * struck(count, rng, case, reversals, force, 1.5e-3, 0.4)
+        + 0.9 * rolling(count, rng, spin + 2.5 * agitating, 10.0, roar(count, rng, 58, -5.0, 7000))
+        + 1.5 * slosh(count, rng, surge, (2.0, 10.0), 50.0)
+        + 0.5 * thumps(count, rng, spin, body, 2.5, 0.2)
         + 0.2 * residual(count, rng)
     )
 
@@ -85,11 +85,11 @@ def impeller_direct(count: int, rng: Generator) -> Array:
     swirl = np.convolve(np.abs(run), np.exp(-np.arange(1400) / 350.0) / 350.0)[: len(run)]
     wash = gate(count, spans, "wash", 0.5)
     return np.asarray(
-        0.5 * driven(motor, body)
+        0.2 * driven(motor, body)
         + 0.10 * motor
         + 0.9 * rolling(count, rng, speed + 1.5 * wash, top, roar(count, rng, 90, -5.2, 7000))
-        + 0.2 * struck(count, rng, cabinet(rng, 50, 900, 0.07), starts, np.exp(rng.normal(0, 0.4, len(starts))), 4e-3)
-        + 0.6 * slosh(count, rng, 0.25 * swirl + 0.12 * np.abs(run), (3.0, 13.0), 60.0)
+        + 1.5 * struck(count, rng, cabinet(rng, 50, 900, 0.07), starts, np.exp(rng.normal(0, 0.4, len(starts))), 4e-3)
+        + 2.5 * slosh(count, rng, 0.25 * swirl + 0.12 * np.abs(run), (3.0, 13.0), 60.0)
         + 0.3 * residual(count, rng)
     )
 
@@ -116,13 +116,12 @@ def twin_tub(count: int, rng: Generator) -> Array:
     starting = bursts(count, np.flatnonzero(np.diff((on > 0.1).astype(int)) > 0) / CONTROL_RATE, 1.0, 0.05, 0.7)
     ticks = np.cumsum(1.0 / rng.uniform(5.0, 8.0) + rng.normal(0, 0.003, int(9 * count / 44_100) + 9))
     force = np.exp(rng.normal(0, 0.15, len(ticks)))
+    noise = rolling(count, rng, spinner + 4.0 * np.abs(run), 22.0, roar(count, rng, 75, -5.2, 7000))
     return np.asarray(
-        (0.26 * driven(motor, tub) + 0.10 * motor) * expand(on, count)
-        + 0.8
-        * rolling(count, rng, spinner + 4.0 * np.abs(run), 22.0, roar(count, rng, 75, -5.2, 7000))
-        * expand(beat, count)
-        + 0.45 * slosh(count, rng, vortex + gulps, (1.8, 12.0), 55.0)
+        (0.1 * driven(motor, tub) + 0.10 * motor) * expand(on, count)
+        + 0.8 * noise * expand(beat, count)
+        + 1.5 * slosh(count, rng, vortex + gulps, (1.8, 12.0), 55.0)
         + 0.3 * squeal * expand(starting, count)
-        + 0.1 * struck(count, rng, plate(rng, 900, 6000, 18, 0.05), ticks, force, 1.5e-4)
+        + 0.25 * struck(count, rng, plate(rng, 900, 6000, 18, 0.05), ticks, force, 1.5e-4)
         + 0.35 * residual(count, rng)
     )
