@@ -124,8 +124,11 @@ def tones(turns: Array, count: int, levels: Mapping[int, float], rng: Generator,
     angle = np.arange(_TABLE) * (2 * np.pi / _TABLE)
     tables = np.zeros((2, _TABLE))
     for order, level in levels.items():
-        for table in tables:
-            table += level * rng.uniform(0.6, 1.4) * np.sin(order * angle + rng.uniform(0, 2 * np.pi))
+        # Phases about a quarter apart, so the mixture of both never vanishes.
+        phase = rng.uniform(0, 2 * np.pi)
+        tables[0] += level * rng.uniform(0.6, 1.4) * np.sin(order * angle + phase)
+        phase += rng.choice([-1, 1]) * np.pi / 2 + rng.uniform(-0.9, 0.9)
+        tables[1] += level * rng.uniform(0.6, 1.4) * np.sin(order * angle + phase)
     tables = tables.astype(np.float32)
     index = expand(turns * _TABLE, count).astype(np.int64)
     index &= _TABLE - 1
@@ -219,7 +222,7 @@ def struck(
         lasting = contact * (force / usual) ** -0.2 * np.exp(rng.normal(0, 0.08))
         shares = body.gains * np.exp(rng.normal(0, spread, len(body.gains)))
         shares /= 1.0 + (2 * body.frequencies * lasting) ** 2
-        add_at(out, round(moment * SAMPLE_RATE), (force * shares) @ waves)
+        add_at(out, round(moment * SAMPLE_RATE), np.einsum("m,mn->n", force * shares, waves))
     return out
 
 
@@ -245,13 +248,13 @@ def drummed(
         shares /= 1.0 + (2 * body.frequencies * contact) ** 2
         train = np.zeros(count, dtype=np.float32)
         np.add.at(train, index[points == point], strengths[points == point].astype(np.float32))
-        out += oaconvolve(train, shares.astype(np.float32) @ waves)[:count]
+        out += oaconvolve(train, np.einsum("m,mn->n", shares.astype(np.float32), waves))[:count]
     return np.asarray(out)
 
 
 def driven(signal: Array, body: VibratingBody) -> Array:
     """A body driven by a force signal (its modes' response at unit energy)."""
-    response = body.gains @ body.waves()
+    response = np.einsum("m,mn->n", body.gains, body.waves())
     response /= np.sqrt(np.sum(np.square(response)))
     return np.asarray(oaconvolve(signal.astype(np.float32), response.astype(np.float32))[: len(signal)])
 
@@ -356,20 +359,22 @@ def rolling(count: int, rng: Generator, speed: Array, top: float, noise: Array) 
     return np.asarray(noise * expand(np.sqrt(np.abs(speed) / top) * swing, count))
 
 
-def bearing_defect(count: int, rng: Generator, speed: Array, balls: int, body: VibratingBody) -> Array:
+def bearing_defect(count: int, rng: Generator, speed: Array, top: float, balls: int, body: VibratingBody) -> Array:
     """Impacts of balls on a pit in the outer ring, at .4·balls per turn with slip, heavier in the loaded half-turn.
 
     Source: P. D. McFadden, J. D. Smith, Model for the vibration produced by a single point defect in a rolling element
-    bearing, Journal of Sound and Vibration 96 (1984) 69–82; slip of some per cent makes the period irregular.
+    bearing, Journal of Sound and Vibration 96 (1984) 69–82; slip of some per cent makes the period irregular. The level
+    is ∝ √(speed/top).
     """
     turns = turned(speed)
     size = int(turns[-1] * 0.4 * balls) + 1
     marks = np.cumsum(1.0 + rng.normal(0, 0.02, size)) / (0.4 * balls)
+    marks = marks[marks < turns[-1]]
     times = np.interp(marks, turns, np.arange(len(turns)) / CONTROL_RATE)
     index = np.minimum((times * SAMPLE_RATE).astype(np.int64), count - 1)
     fast = np.interp(times, np.arange(len(speed)) / CONTROL_RATE, np.abs(speed))
-    force = np.sqrt(fast / max(float(np.abs(speed).max()), 1e-6)) * (1.0 + 0.6 * np.cos(2 * np.pi * marks))
-    force *= np.exp(rng.normal(0, 0.3, size))
+    force = np.sqrt(fast / top) * (1.0 + 0.6 * np.cos(2 * np.pi * marks))
+    force *= np.exp(rng.normal(0, 0.3, len(marks)))
     train = np.zeros(count)
     np.add.at(train, index, force)
     return driven(train, body)

@@ -181,7 +181,7 @@ def flip(count: int, rng: Generator) -> Array:
         + 0.5 * struck(count, rng, leaf, claps, force, 5e-5, 0.5)
         + 0.5 * struck(count, rng, box, claps, force, 4e-4, 0.4)
         + 0.15 * slip
-        + 1.5 * ratchet
+        + 1.8 * ratchet
         + 0.02 * driven(mesh, box)
         + 0.02 * sloped(count, rng, 300, 9000, -1.5)
     )

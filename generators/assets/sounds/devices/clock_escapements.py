@@ -194,7 +194,7 @@ def mantel_striking(count: int, rng: Generator) -> Array:
     out = ticking(count, rng, times, recoil_strokes(rng, rng.uniform(0.05, 0.12)), bodies, 36)
     base = rng.uniform(55, 90)
     ratios = np.concatenate([[6.27, 17.55, 34.4, 56.8, 84.9], rng.uniform(4.0, 100.0, 15)])
-    gong = bar_or_bell(rng, base, np.sort(ratios), rng.uniform(7.0, 12.0), 0.45)
+    gong = bar_or_bell(rng, base, np.sort(ratios).tolist(), rng.uniform(7.0, 12.0), 0.45)
     struck_hours = strikes(count, rng, (14.0, 40.0), (1.2, 2.0))
     blows = np.concatenate(struck_hours)
     force = 0.35 * np.exp(rng.normal(0, 0.12, len(blows)))

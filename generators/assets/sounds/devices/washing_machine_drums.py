@@ -55,7 +55,7 @@ def universal_belt(count: int, rng: Generator) -> Array:
     noise = roar(count, rng, rng.uniform(110, 170), -6.5)
     water = 0.3 * np.square(np.sin(2 * np.pi * turned(wash) + wander(count, rng, 0.7, 0.8))) * np.abs(wash)
     return np.asarray(
-        0.12 * driven(motor, body)
+        0.16 * driven(motor, body)
         + 0.06 * motor
         + 1.6 * rolling(count, rng, speed, top, noise)
         + 1.0 * laundry(count, rng, wash, body, 3, 0.12)
@@ -83,7 +83,7 @@ def direct_drive(count: int, rng: Generator) -> Array:
         0.3 * driven(motor, body)
         + 0.06 * motor
         + 1.5 * rolling(count, rng, speed, top, noise)
-        + 1.0 * laundry(count, rng, wash, cabinet(rng, 45, 800, 0.05), 3, 0.12)
+        + 0.8 * laundry(count, rng, wash, cabinet(rng, 45, 800, 0.05), 3, 0.12)
         + 0.9 * slosh(count, rng, water, (2.5, 11.0), 35.0)
         + 0.2 * residual(count, rng, 70.0)
     )
@@ -218,15 +218,15 @@ def worn_bearing(count: int, rng: Generator) -> Array:
     rinse = rng.uniform(0.8, 1.0) * reversing(count, rng, (6, 10), (1.5, 2.5)) * gate(count, spans, "rinse")
     speed = np.abs(rinse) + spinning(count, rng, spans, "spin", (1.5, 0.5 * top, top))
     body = plate(rng, 110, 2600, 30, 0.05, slope=-2.5)
-    growl = bearing_defect(count, rng, speed, int(rng.integers(7, 10)), body)
-    other = bearing_defect(count, rng, 1.02 * speed, int(rng.integers(7, 10)), cabinet(rng, 60, 900, 0.06))
+    growl = bearing_defect(count, rng, speed, top, int(rng.integers(7, 10)), body)
+    other = bearing_defect(count, rng, 1.02 * speed, top, int(rng.integers(7, 10)), cabinet(rng, 60, 900, 0.06))
     noise = roar(count, rng, 60, -5.2, 7000)
     noise = 1.3 * noise + 0.3 * driven(noise, body)
-    pump = synchronous_pump(count, rng, 50.0, plate(rng, 240, 2200, 14, 0.06), 0.1 + 0.0 * speed)
+    pump = synchronous_pump(count, rng, 50.0, plate(rng, 240, 2200, 14, 0.06), np.full_like(speed, 0.1))
     shower = gate(count, spans, "rinse", 1.0)
     return np.asarray(
-        45.0 * growl
-        + 40.0 * other
+        90.0 * growl
+        + 70.0 * other
         + rolling(count, rng, speed, top, noise)
         + 1.0 * laundry(count, rng, rinse, body, 4, 0.1)
         + 0.5 * pump * expand(0.1 + shower, count)

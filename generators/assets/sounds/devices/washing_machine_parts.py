@@ -127,7 +127,7 @@ def laundry(count: int, rng: Generator, speed: Array, body: VibratingBody, ribs:
         4e-5,
         0.5,
     )
-    return thuds + wet * roar(count, rng, 350, -5.0) * expand(flaps, count) + 0.8 * clicks
+    return thuds + wet * roar(count, rng, 350, -5.0) * expand(flaps, count) + 1.6 * clicks
 
 
 def slosh(count: int, rng: Generator, swing: Array, radii_mm: tuple[float, float], rate: float) -> Array:

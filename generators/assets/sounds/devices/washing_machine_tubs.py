@@ -58,7 +58,7 @@ def agitator_gearcase(count: int, rng: Generator) -> Array:
     teeth = driven(roar(count, rng, 150, -5.0), case) * expand(0.35 * agitating + 0.25 * motion, count)
     surge = 0.12 * agitating + 0.4 * motion**2
     return np.asarray(
-        0.08 * driven(motor, body)
+        0.12 * driven(motor, body)
         + 0.07 * motor
         + 0.25 * teeth
         + 2.0 * struck(count, rng, case, reversals, force, 1.5e-3, 0.4)
@@ -118,7 +118,7 @@ def twin_tub(count: int, rng: Generator) -> Array:
     force = np.exp(rng.normal(0, 0.15, len(ticks)))
     noise = rolling(count, rng, spinner + 4.0 * np.abs(run), 22.0, roar(count, rng, 75, -5.2, 7000))
     return np.asarray(
-        (0.1 * driven(motor, tub) + 0.10 * motor) * expand(on, count)
+        (0.14 * driven(motor, tub) + 0.10 * motor) * expand(on, count)
         + 0.8 * noise * expand(beat, count)
         + 1.5 * slosh(count, rng, vortex + gulps, (1.8, 12.0), 55.0)
         + 0.3 * squeal * expand(starting, count)
