@@ -14,12 +14,12 @@ from generators.assets.sounds.signals import Array, add_at, phase_of, time_axis,
 
 
 def room_talk(count: int, rng: Generator) -> Array:
-    """Two to four people in a room who talk in turn and over each other, without words.
+    """Two or three people in a room who talk in turn and over each other, without words.
 
     Unit: men, women, children; pitch, tract, rate, effort. Take: syllables, phrases, pauses, who is near.
     """
     turbulence = noises(count, rng)
-    number = int(rng.integers(2, 5))
+    number = int(rng.integers(2, 4))
     out = np.zeros(count)
     for _ in range(number):
         who = talker(rng, str(rng.choice(["man", "woman", "woman", "child"])), rng.uniform(0.3, 0.6))

@@ -60,7 +60,8 @@ def _traffic(
         tyres += np.square(loud * level)
         near += np.square(loud * level**2)
         first, t = _window(count, moment, 2.5 * away / speed)
-        if len(t):
+        # Of dense traffic only some engines stand out of the tyres.
+        if len(t) and rng.random() < min(1.0, gap / 4.0):
             level, doppler = _pass(t, moment, away, speed)
             level *= np.clip(1 - np.abs(t - moment) * speed / (2.5 * away), 0.0, 1.0)
             cylinders = int(rng.choice([3, 4, 4, 6]))
