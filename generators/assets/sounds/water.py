@@ -11,6 +11,7 @@ Levels of a source are RMS amplitudes; spectra are given in dB per octave band.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -118,7 +119,7 @@ def _field(frames: int, rng: Generator, depth: float, pace: float) -> Array:
     near = np.sum([w * noise[:, k : k + len(BANDS)] for k, w in enumerate(spread)], axis=0) / 1.52
     smooth = lfilter([np.sqrt(1 - keep**2)], [1.0, -keep], near, axis=0)[40:]
     # What all bands share: lumps of water, and the slow wandering of the flow.
-    lumps = 0.65 * frame_drift(frames, rng, 0.8 * pace, 1.0) + 0.5 * frame_drift(frames, rng, 0.7, 1.0)
+    lumps = 0.8 * frame_drift(frames, rng, 0.8 * pace, 1.0) + 0.5 * frame_drift(frames, rng, 0.7, 1.0)
     return np.asarray(2.0 * depth * np.tanh(0.5 * (smooth + lumps[:, None])))
 
 
@@ -187,7 +188,7 @@ def splashes(count: int, rng: Generator, rate: Array, slow: float = 12.0) -> Arr
     out = np.zeros(count)
     number = rng.poisson(np.maximum(rate, 0.0) * (HOP / SAMPLE_RATE))
     starts = np.repeat(np.arange(len(rate)) * HOP, number) + rng.integers(0, HOP, int(number.sum()))
-    gains = rng.choice([-1.0, 1.0], len(starts)) * np.minimum(np.exp(rng.normal(-1.2, 0.8, len(starts))), 1.5)
+    gains = rng.choice([-1.0, 1.0], len(starts)) * np.minimum(np.exp(rng.normal(-1.3, 1.0, len(starts))), 2.0)
     for start, kind, gain in zip(starts, rng.integers(0, len(kinds), len(starts)), gains, strict=True):
         add_at(out, int(start), gain * kinds[kind])
     return out
@@ -294,3 +295,39 @@ def placed(count: int, events: Iterable[tuple[float, Array]]) -> Array:
     for moment, piece in events:
         add_at(out, round(moment * SAMPLE_RATE), piece)
     return out
+
+
+@dataclass
+class Take:
+    """One take under way: the curves of its sources, and its events."""
+
+    count: int
+    rng: Generator
+    line: Timeline = field(init=False)
+    events: list[tuple[float, Array]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.line = Timeline(self.count)
+
+    def at(self, moment: float, level: float, piece: Array) -> None:
+        """Add an event of that peak."""
+        self.events.append((moment, level * piece))
+
+    def power(self, name: str, shape: Array, unrest: float = 2.0, pace: float = 9.0, least: float = 0.0) -> Array:
+        """(frames, bands) power of the source of that name, never below the level ``least``."""
+        level = np.maximum(self.line.level(name), least)
+        return source(shape, level, self.rng, unrest, pace)
+
+    def bubbles(self, name: str, rate: float, radii_mm: tuple[float, float], least: float = 0.0) -> Array:
+        """Single bubbles, ``rate`` a second where the curve is 1."""
+        return bubble_cloud(self.count, self.rng, rate * self.line.level(name) + least, radii_mm)
+
+    def splashes(self, name: str, rate: float, least: float = 0.0) -> Array:
+        """Lumps of water that fall, ``rate`` a second where the curve is 1; fewer of them are weaker as well."""
+        return splashes(self.count, self.rng, rate * self.line.level(name) + least)
+
+    def heard(self, power: Array, water: Array, gain: float = 1.6) -> Array:
+        """The flow of that power and single drops and bubbles in pan and cistern, with all events."""
+        inside = flow(self.count, self.rng, power) + water
+        low, modes = self.rng.uniform(150.0, 320.0), int(self.rng.integers(9, 18))
+        return cavity(inside, self.rng, low, 7000.0, modes, gain) + placed(self.count, self.events)

@@ -8,7 +8,6 @@ runs the residue of the device: a weeping valve, a trickle down the pan, a fan o
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.random import Generator
@@ -20,9 +19,7 @@ from generators.assets.sounds.water import (
     BANDS,
     HOP,
     Spectrum,
-    Timeline,
-    bubble_cloud,
-    cavity,
+    Take,
     flow,
     frame_drift,
     gulps,
@@ -30,11 +27,8 @@ from generators.assets.sounds.water import (
     knock,
     moving_peak,
     pipe,
-    placed,
     slow_phase,
-    source,
     spectrum,
-    splashes,
     whistle,
 )
 
@@ -50,42 +44,6 @@ _VALVE: Spectrum = {63: -34, 125: -26, 250: -17, 500: -10, 1000: -6, 2000: -2, 4
 _QUIET_VALVE: Spectrum = {63: -30, 125: -18, 250: -8, 500: -1, 1000: 0, 2000: -4, 4000: -8, 8000: -14, 16_000: -28}
 #: The room and the pipes when nothing runs.
 _RESIDUE: Spectrum = {63: -11, 125: -6, 250: -3, 500: -2, 1000: -2, 2000: -4, 4000: -7, 8000: -12, 16_000: -24}
-
-
-@dataclass
-class _Take:
-    """One take under way: curves of its sources and its events."""
-
-    count: int
-    rng: Generator
-    line: Timeline = field(init=False)
-    events: list[tuple[float, Array]] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        self.line = Timeline(self.count)
-
-    def at(self, moment: float, level: float, piece: Array) -> None:
-        """Add an event of that peak."""
-        self.events.append((moment, level * piece))
-
-    def power(self, name: str, shape: Array, unrest: float = 2.0, pace: float = 9.0, least: float = 0.0) -> Array:
-        """(frames, bands) power of the source of that name, never below the level ``least``."""
-        level = np.maximum(self.line.level(name), least)
-        return source(shape, level, self.rng, unrest, pace)
-
-    def bubbles(self, name: str, rate: float, radii_mm: tuple[float, float], least: float = 0.0) -> Array:
-        """Single bubbles, ``rate`` a second where the curve is 1."""
-        return bubble_cloud(self.count, self.rng, rate * self.line.level(name) + least, radii_mm)
-
-    def splashes(self, name: str, rate: float, least: float = 0.0) -> Array:
-        """Lumps of water that fall, ``rate`` a second where the curve is 1; fewer of them are weaker as well."""
-        return splashes(self.count, self.rng, rate * self.line.level(name) + least)
-
-    def heard(self, power: Array, water: Array, gain: float = 1.6) -> Array:
-        """The flow of that power and single drops and bubbles in pan and cistern, with all events."""
-        inside = flow(self.count, self.rng, power) + water
-        low, modes = self.rng.uniform(150.0, 320.0), int(self.rng.integers(9, 18))
-        return cavity(inside, self.rng, low, 7000.0, modes, gain) + placed(self.count, self.events)
 
 
 def _head(start: float, length: float, rise: float = 0.25) -> list[tuple[float, float]]:
@@ -110,14 +68,14 @@ def _refill(start: float, length: float, level: float, closing: float) -> list[t
     ]
 
 
-def _seat(take: _Take, moment: float, level: float) -> None:
+def _seat(take: Take, moment: float, level: float) -> None:
     """A seat or lid that falls and bounces once."""
     rng = take.rng
     take.at(moment, level, knock(rng, 110, 1500, rng.uniform(0.1, 0.25), 9))
     take.at(moment + rng.uniform(0.07, 0.16), 0.35 * level, knock(rng, 130, 1800, 0.12, 8))
 
 
-def _filling(take: _Take, low: float, high: float, spans: list[tuple[float, float]]) -> Array:
+def _filling(take: Take, low: float, high: float, spans: list[tuple[float, float]]) -> Array:
     """(frames,) resonance (Hz) of the air in a vessel that fills (P. A. Cabe, J. B. Pittenger 2000)."""
     corners = [(m, v) for begin, end in spans for m, v in ((begin, low), (end, high), (end + 0.5, low))]
     moments, values = np.array(corners or [(0.0, low)]).T
@@ -131,7 +89,7 @@ def washdown_close_coupled(count: int, rng: Generator) -> Array:
     the water (EN 997, type 5/6), with one short draught at the end; the valve follows the float and throttles over
     several seconds (EN 14124), at a level about 12 dB below the flush.
     """
-    take = _Take(count, rng)
+    take = Take(count, rng)
     flush, refill = rng.uniform(3.0, 5.0), rng.uniform(16.0, 30.0)
     pitch, sings = rng.uniform(700.0, 1900.0), rng.uniform(0.03, 0.12)
     lever = rng.uniform(300.0, 700.0)
@@ -158,7 +116,9 @@ def washdown_close_coupled(count: int, rng: Generator) -> Array:
     power = take.power("flush", spectrum(_PLUME, rng), 3.0, 12.0)
     power += 0.25 * take.power("rim", spectrum(_RIM, rng), 1.5)
     power += take.power("draught", spectrum(_SUCTION, rng), 4.0, 16.0)
-    power += take.power("fill", spectrum(_VALVE, rng), 1.2) * moving_peak(_filling(take, 260, 620, spans), 3.0, 5.0)
+    power += take.power("fill", spectrum(_VALVE, rng), 2.0, 8.0) * moving_peak(
+        _filling(take, 260, 620, spans), 3.0, 5.0
+    )
     power += take.power("-", spectrum(_RESIDUE, rng), 1.0, least=0.075)
     water = 0.5 * take.bubbles("rim", 90, (0.8, 5.0), 3.0) + 0.25 * take.bubbles("fill", 200, (0.7, 4.0))
     water += 1.8 * take.splashes("flush", 60, 0.3) + 0.5 * take.splashes("fill", 120)
@@ -172,7 +132,7 @@ def siphonic_gulp(count: int, rng: Generator) -> Array:
     trap), the rise of the water in the pan is heard as a rising resonance (ASME A112.19.2 siphon-jet pans). The fill
     valve feeds a tube that refills the pan: hiss over bubbles.
     """
-    take = _Take(count, rng)
+    take = Take(count, rng)
     trap, rate = rng.uniform(85.0, 190.0), rng.uniform(4.0, 8.0)
     prime, suck, refill = rng.uniform(1.3, 2.4), rng.uniform(1.6, 3.0), rng.uniform(12.0, 24.0)
     pans, tanks = [], []
@@ -197,7 +157,7 @@ def siphonic_gulp(count: int, rng: Generator) -> Array:
     power += take.power("suck", spectrum(_SUCTION, rng), 3.0, 14.0)
     throat = trap * 4.0 * np.exp(frame_drift(len(take.line.times), rng, 6.0, 0.25))
     power += 0.3 * take.power("slurp", spectrum(_PLUME, rng), 5.0, 22.0) * moving_peak(throat, 2.0, 10.0)
-    power += take.power("fill", spectrum(_VALVE, rng, 1.5), 1.0) * moving_peak(
+    power += take.power("fill", spectrum(_VALVE, rng, 1.5), 1.8, 8.0) * moving_peak(
         _filling(take, 220, 450, tanks), 2.0, 4.0
     )
     power += take.power("-", spectrum(_RESIDUE, rng), 1.0, least=0.06)
@@ -206,7 +166,7 @@ def siphonic_gulp(count: int, rng: Generator) -> Array:
     return take.heard(power, water)
 
 
-def _flush_valve(take: _Take, now: float, length: float, close: float, sings: float, pitch: float) -> None:
+def _flush_valve(take: Take, now: float, length: float, close: float, sings: float, pitch: float) -> None:
     """One flush from the mains: opening, plateau, a throttling end with a rising note, a knock of the pipe."""
     rng = take.rng
     end = now + length
@@ -227,7 +187,7 @@ def flushometer_diaphragm(count: int, rng: Generator) -> Array:
     Unit: 3.5 to 6 s at about 1.5 l/s (ASSE 1037), handle, pipe of 3 to 9 m. The valve's noise goes with the pressure
     drop and moves up in frequency while the diaphragm sinks onto its seat; its closure is a small water hammer.
     """
-    take = _Take(count, rng)
+    take = Take(count, rng)
     length, close = rng.uniform(3.5, 6.0), rng.uniform(0.5, 1.1)
     pitch, sings = rng.uniform(900.0, 2200.0), rng.uniform(0.02, 0.1)
     metres, trap = rng.uniform(3.0, 9.0), rng.uniform(110.0, 220.0)
@@ -261,7 +221,7 @@ def vacuum_marine(count: int, rng: Generator) -> Array:
     Toilet", NOISE-CON 2018, 4726–4735; "Noise control of a vacuum-assisted toilet", Proc. Mtgs. Acoust. 33, 030002).
     Unit: open for 0.9 to 2.2 s, pipe resonances, a pump of 23 to 29 revolutions per second.
     """
-    take = _Take(count, rng)
+    take = Take(count, rng)
     opening, rinse = rng.uniform(0.9, 2.2), rng.uniform(0.8, 2.0)
     metres, turns = rng.uniform(0.5, 1.6), rng.uniform(23.0, 29.0)
     now = rng.uniform(-6.0, 1.5)
@@ -280,9 +240,11 @@ def vacuum_marine(count: int, rng: Generator) -> Array:
         now = late + rng.uniform(5.0, 12.0)
     shape: Spectrum = {63: -20, 125: -12, 250: -4, 500: 0, 1000: -1, 2000: -4, 4000: -8, 8000: -13, 16_000: -24}
     air = flow(count, rng, take.power("air", spectrum(shape, rng, 0.8, 2.0, 3), 2.6, 25.0))
-    power = take.power("rinse", spectrum(_RIM, rng), 1.0) + take.power("drain", spectrum(_SUCTION, rng), 5.0, 20.0)
-    power += take.power("-", spectrum(_RESIDUE, rng), 1.0, least=0.05)
-    power += 0.004 * take.power("pump", spectrum({63: -6, 250: 0, 1000: -2, 4000: -10, 16_000: -26}, rng), 1.0)
+    power = take.power("rinse", spectrum(_RIM, rng), 2.5, 14.0) + take.power(
+        "drain", spectrum(_SUCTION, rng), 5.0, 20.0
+    )
+    power += take.power("-", spectrum(_RESIDUE, rng), 2.0, least=0.04)
+    power += 0.004 * take.power("pump", spectrum({63: -6, 250: 0, 1000: -2, 4000: -10, 16_000: -26}, rng), 2.5, 18.0)
     phase = slow_phase(count, turns * (1.0 + frame_drift(len(take.line.times), rng, 0.6, 0.004)))
     level = np.interp(np.arange(count) / SAMPLE_RATE, take.line.times, take.line.level("pump", 0.55))
     hum = harmonics(phase, [0.3, 1.0, 0.5, 0.7, 0.3, 0.5, 0.2, 0.4, 0.15, 0.3], rng)
@@ -301,7 +263,7 @@ def rimless_dual_flush(count: int, rng: Generator) -> Array:
     (3 l), full ones of 2.6 to 3.6 s (6 l). The diaphragm valve opens late and shuts at once (EN 14124, low noise group:
     ISO 3822-4), with a knock in the pipe.
     """
-    take = _Take(count, rng)
+    take = Take(count, rng)
     half, whole, turns = rng.uniform(1.5, 2.2), rng.uniform(2.6, 3.6), rng.uniform(1.4, 2.6)
     refill, metres = rng.uniform(9.0, 16.0), rng.uniform(2.0, 7.0)
     spans = []
@@ -327,7 +289,7 @@ def rimless_dual_flush(count: int, rng: Generator) -> Array:
     swirl = 1.0 + 0.45 * np.sin(phase) + 0.12 * np.sin(2 * phase + 1.0)
     shape: Spectrum = {63: -26, 125: -17, 250: -9, 500: -3, 1000: 0, 2000: -2, 4000: -5, 8000: -10, 16_000: -23}
     power = take.power("flush", spectrum(shape, rng, 0.8), 2.5, 10.0) * swirl[:, None]
-    power += take.power("fill", spectrum(_QUIET_VALVE, rng), 0.8, 6.0) * moving_peak(
+    power += take.power("fill", spectrum(_QUIET_VALVE, rng), 1.5, 6.0) * moving_peak(
         _filling(take, 300, 800, spans), 4.0, 6.0
     )
     power += take.power("hinge", spectrum(_QUIET_VALVE, rng), 3.0, 20.0)
@@ -343,7 +305,7 @@ def running_ballcock(count: int, rng: Generator) -> Array:
     No flush at all: a steady trickle with single bubbles (van den Doel 2005), and every 8 to 20 s the float opens the
     valve for some seconds; the washer chatters at 25 to 60 Hz or sings at 450 to 1,300 Hz (a self-excited valve).
     """
-    take = _Take(count, rng)
+    take = Take(count, rng)
     every, lasts = rng.uniform(8.0, 20.0), rng.uniform(2.5, 6.0)
     pitch, sings = rng.uniform(450.0, 1300.0), rng.uniform(0.25, 0.9)
     chatter = rng.uniform(25.0, 60.0)
@@ -362,7 +324,7 @@ def running_ballcock(count: int, rng: Generator) -> Array:
             take.at(now, rng.uniform(0.5, 1.0), grip * noise * np.clip(bend * 3 - 1.4, 0, 1))
         take.at(now + length, rng.uniform(0.2, 0.8), knock(rng, 200, 2500, 0.08))
         now += max(length + 2.0, every * rng.uniform(0.75, 1.25))
-    power = take.power("fill", spectrum(_VALVE, rng, 1.5), 1.5, 10.0)
+    power = take.power("fill", spectrum(_VALVE, rng, 1.5), 2.2, 10.0)
     power += take.power("-", spectrum(_RIM, rng, 1.5), 2.5, 5.0, least=rng.uniform(0.2, 0.4))
     power += take.power("-", spectrum(_PLUME, rng, 1.0, 2.0, 3), 3.0, 5.0, least=rng.uniform(0.3, 0.5))
     trickle = rng.uniform(40.0, 90.0)
@@ -377,7 +339,7 @@ def high_level_cistern(count: int, rng: Generator) -> Array:
     with a head of two metres (louder and faster than close-coupled). Pipe: open at both ends, modes at c/2L. When the
     siphon breaks, the bell draws air in gulps and the pipe empties. The ball valve hisses above, undamped by a lid.
     """
-    take = _Take(count, rng)
+    take = Take(count, rng)
     metres, flush, refill = rng.uniform(1.6, 2.0), rng.uniform(4.0, 6.5), rng.uniform(20.0, 38.0)
     pitch, sings = rng.uniform(1300.0, 3200.0), rng.uniform(0.02, 0.09)
     bell = rng.uniform(60.0, 105.0)
@@ -423,7 +385,7 @@ def concealed_wall(count: int, rng: Generator) -> Array:
     (L. Cremer, Akust. Z. 7 (1942); 12.5 mm board); its cavity resonates at 70 to 130 Hz. The soil stack (EN 14366)
     patters for seconds after the flush. A pneumatic plate clicks.
     """
-    take = _Take(count, rng)
+    take = Take(count, rng)
     flush, refill, dip = rng.uniform(2.2, 3.4), rng.uniform(14.0, 26.0), rng.uniform(2200.0, 3200.0)
     cavity = rng.uniform(70.0, 130.0)
     spans = []
@@ -464,7 +426,7 @@ def pressure_assisted(count: int, rng: Generator) -> Array:
     1952). The last air escapes in a puff. While the vessel is charged the difference of pressure falls exponentially:
     the hiss grows weaker and higher, and a check valve ticks.
     """
-    take = _Take(count, rng)
+    take = Take(count, rng)
     tau, burst = rng.uniform(0.35, 0.7), rng.uniform(1.0, 1.9)
     charge, high = rng.uniform(14.0, 26.0), rng.uniform(1600.0, 3000.0)
     speed = np.full(len(take.line.times), high)
@@ -494,7 +456,7 @@ def pressure_assisted(count: int, rng: Generator) -> Array:
     power = take.power("jet", spectrum(_VALVE, rng, 0.8), 2.0, 25.0) * moving_peak(speed, 1.2, 9.0) * 0.35
     power += take.power("pan", spectrum(_PLUME, rng), 3.5, 18.0)
     power += take.power("puff", spectrum(_RIM, rng), 6.0, 30.0)
-    power += take.power("charge", spectrum(_VALVE, rng), 1.6, 8.0) * moving_peak(rising, 3.0, 8.0)
+    power += take.power("charge", spectrum(_VALVE, rng), 2.2, 10.0) * moving_peak(rising, 3.0, 8.0)
     power += take.power("-", spectrum(_RESIDUE, rng), 1.0, least=0.05)
     water = (
         0.5 * take.bubbles("pan", 120, (0.8, 6.0), 2.0)
@@ -511,7 +473,7 @@ def flushometer_piston(count: int, rng: Generator) -> Array:
     D. S. Weaver, S. Ziada, J. Pressure Vessel Technol. 102 (1980) 146), a solenoid's double click, a low singing
     note of 280 to 650 Hz, strong water hammer.
     """
-    take = _Take(count, rng)
+    take = Take(count, rng)
     length, close = rng.uniform(6.0, 9.5), rng.uniform(1.6, 3.0)
     pitch, sings = rng.uniform(280.0, 650.0), rng.uniform(0.05, 0.25)
     chatter, metres = rng.uniform(9.0, 22.0), rng.uniform(8.0, 20.0)
