@@ -218,10 +218,10 @@ def gulps(rng: Generator, number: int, pitch: float, rate: float, noisy: float =
     out = np.zeros(int((gaps.sum() + 0.6) * SAMPLE_RATE))
     moment = 0.0
     for k, gap in enumerate(gaps):
-        t = time_axis(int(rng.uniform(0.18, 0.4) * SAMPLE_RATE))
-        own = pitch * np.exp(rng.normal(0.0, 0.16)) * (1.0 + 0.25 * k / number)
         fall = rng.uniform(14.0, 30.0)
-        swell = (1.0 - np.exp(-t / rng.uniform(0.008, 0.025))) * np.exp(-fall * t)
+        t = time_axis(int(4.6 / fall * SAMPLE_RATE))
+        own = pitch * np.exp(rng.normal(0.0, 0.16)) * (1.0 + 0.25 * k / number)
+        swell = (1.0 - np.exp(-t / rng.uniform(0.008, 0.025))) * (np.exp(-fall * t) - 0.01)
         phase = phase_of(own * (1.0 + rng.uniform(0.2, 0.9) * np.minimum(1.0, 4.0 * t)), len(t))
         tone = np.sin(phase) + 0.35 * np.sin(2.02 * phase + 1.0) + 0.15 * np.sin(3.05 * phase)
         noise = lfilter([0.25], [1.0, -0.75], rng.standard_normal(len(t)))

@@ -26,8 +26,9 @@ from generators.assets.sounds.devices.coffee_machine_parts import (
     motor,
     run_up,
     slugs,
+    unrest,
 )
-from generators.assets.sounds.signals import Array, band_noise, drift, harmonics, phase_of, time_axis
+from generators.assets.sounds.signals import Array, band_noise, harmonics, phase_of, time_axis
 from generators.assets.sounds.voice import Split, Voice
 from generators.assets.sounds.water import (
     HOP,
@@ -37,7 +38,6 @@ from generators.assets.sounds.water import (
     gulps,
     knock,
     moving_peak,
-    slow_phase,
     spectrum,
     whistle,
 )
@@ -96,7 +96,7 @@ def capsule_machine(count: int, rng: Generator) -> Array:
     """
     take = Take(count, rng)
     housing, mains = Housing(rng, 260, 4200, 9, 0.03, 0.2), float(rng.choice([50.0, 60.0]))
-    hard, hum, chatter = rng.uniform(0.5, 1.0), rng.uniform(0.25, 0.5), rng.uniform(0.12, 0.25)
+    hard, hum, chatter = rng.uniform(0.5, 1.0), rng.uniform(0.12, 0.3), rng.uniform(0.12, 0.25)
     pump = VibrationPump(mains, housing, hard, hum, chatter, int(rng.integers(3, 7)))
     shot, wet = rng.uniform(9.0, 16.0), rng.uniform(0.8, 1.8)
     now = _start(rng, shot)
@@ -125,7 +125,8 @@ def capsule_machine(count: int, rng: Generator) -> Array:
 
 def _vane_orders(rng: Generator, vanes: int) -> Array:
     """Levels of the multiples of a vane pump's speed: the passing of its vanes and what unevenness adds."""
-    orders = np.array([0.5 if k % vanes == 0 else 0.05 for k in range(1, 5 * vanes + 1)])
+    numbers = np.arange(1, 12 * vanes + 1)
+    orders = np.where(numbers % vanes == 0, 0.8, 0.07) * (numbers / vanes) ** -1.1
     orders[:4] = 0.5, 0.35, 0.12, 0.2
     orders[vanes - 1] = 1.0
     return np.asarray(orders * rng.uniform(0.6, 1.4, len(orders)))
@@ -151,7 +152,7 @@ def rotary_pump_bar(count: int, rng: Generator) -> Array:
         load = np.interp(t, [0.0, 1.0, 4.0, length, length + 0.3], [0.3, 0.5, 1.0, 0.9, 0.2])
         pitch = mains / 2.0 * (1.0 - slip * (0.6 + 0.6 * load)) * speed + 0.3
         hum = harmonics(phase_of(2 * mains, len(t)), [1.0, 0.3, 0.2, 0.08], rng) * (speed > 0.3) * (t < length)
-        take.at(now, 0.32, motor(rng, pitch, orders, rng.uniform(0.35, 0.6)) * (0.8 + 0.3 * load) + 0.4 * hum)
+        take.at(now, 0.32, motor(rng, pitch, orders, rng.uniform(0.5, 0.9)) * (0.8 + 0.3 * load) + 0.4 * hum)
         take.at(now - 0.02, 0.8, knock(rng, 300, 3500, 0.05, click=0.6))
         drips(take, "cup", now + 5.0, end, 1.0, 5.0)
         take.line.add("release", (end, 0.0), (end + 0.05, 0.5), (end + 0.5, 0.1), (end + 1.2, 0.0))
@@ -193,7 +194,7 @@ def burr_grinder(count: int, rng: Generator) -> Array:
         t = time_axis(len(speed))
         stages = [0.0, 0.25, 0.6, 0.75 * length, 0.97 * length, length, length + 0.5]
         feed = np.interp(t, stages, [0.0, 0.5, 1.0, 0.9, 0.4, 0.3, 0.0])
-        feed = np.clip(feed * (1.0 + drift(len(t), rng, 3.0, 0.25)), 0.0, None)
+        feed = np.clip(feed * (1.0 + unrest(len(t), rng, 3.0, 0.25)), 0.0, None)
         voice = motor(rng, turns * speed * (1.0 - 0.04 * feed) + 0.2, 0.35 * orders, rng.uniform(0.2, 0.4))
         crush = band_noise(len(t), rng, 500, 6500, 1) * feed * (1 + 0.4 * np.sin(phase_of(turns * speed, len(t))))
         take.at(now, 1.0, 0.7 * voice + 0.35 * crush + 1.6 * cracks(rng, rate * feed, 500, 8000, 0.012))
@@ -256,6 +257,7 @@ def moka_pot(count: int, rng: Generator) -> Array:
     pot, flame = rng.uniform(230.0, 520.0), rng.uniform(0.09, 0.15)
     heat, rise, boil = rng.uniform(8.0, 16.0), rng.uniform(6.0, 12.0), rng.uniform(9.0, 16.0)
     lid = Housing(rng, 900, 8000, 9, 0.12, 0.2)
+    rattles = [lid.blow(0.15, 0.5) for _ in range(16)]
     now = _start(rng, heat + rise)
     while now < take.line.seconds:
         up = now + heat * rng.uniform(0.85, 1.15)
@@ -272,7 +274,7 @@ def moka_pot(count: int, rng: Generator) -> Array:
         slugs(take, "gurgle", (steam - 2.0, end), (3.5, rng.uniform(8.0, 12.0)), pot, 0.75)
         take.line.add("hiss", (steam - 1.0, 0.0), (steam + 2.0, 0.2), (end - 1.0, 0.5), (end + 1.5, 0.0))
         for moment in np.sort(rng.uniform(steam, end, int(3.0 * (end - steam)))):
-            take.at(moment, 0.25 * rng.random() ** 2, lid.blow(0.15, 0.5))
+            take.at(moment, 0.25 * rng.random() ** 2, rattles[rng.integers(16)])
         take.at(end + rng.uniform(0.4, 0.9), 1.2, lid.blow(0.4, 0.6))
         now = end + rng.uniform(5.0, 9.0)
     shape: Spectrum = {63: -14, 125: -7, 250: -3, 500: -1, 1000: -2, 2000: -3, 4000: -6, 8000: -11, 16_000: -25}
@@ -347,7 +349,7 @@ def bean_to_cup(count: int, rng: Generator) -> Array:
     while now < take.line.seconds:
         length = grind * rng.uniform(0.9, 1.1)
         speed = run_up(length, 0.1, 0.12, 0.6)
-        feed = np.clip(speed * (1.0 + drift(len(speed), rng, 4.0, 0.2)), 0.0, None)
+        feed = np.clip(speed * (1.0 + unrest(len(speed), rng, 4.0, 0.2)), 0.0, None)
         milling = motor(rng, cone * speed * (1.0 - 0.05 * feed) + 0.1, orders, rng.uniform(0.3, 0.5))
         take.at(now, 0.75, milling + 1.4 * cracks(rng, 330.0 * feed, 300, 4500, 0.02))
         press, back = rng.uniform(1.4, 2.4), rng.uniform(1.6, 2.6)
@@ -390,13 +392,13 @@ def blade_grinder(count: int, rng: Generator) -> Array:
         speed = run_up(length, rng.uniform(0.1, 0.2), rng.uniform(0.35, 0.7), 2.0)
         t = time_axis(len(speed))
         fine = powder + (1.0 - powder) * (1.0 - np.exp(-t / 4.0))
-        pitch = turns * speed * (0.72 + 0.28 * fine + drift(len(t), rng, 9.0, 0.02) * (1 - fine)) + 1.0
+        pitch = turns * speed * (0.72 + 0.28 * fine + unrest(len(t), rng, 9.0, 0.02) * (1 - fine)) + 1.0
         pulse = 1.0 + 0.25 * np.sin(phase_of(2 * mains, len(t), rng.uniform(0, 6.28))) * (t < length)
         voice = motor(rng, pitch, orders, rng.uniform(0.5, 0.9)) * pulse
         hits = rng.uniform(250.0, 500.0) * speed * (1.0 - 0.85 * fine)
         rush = band_noise(len(t), rng, 1200, 9000, 1) * speed**2 * (0.2 + 0.6 * fine)
         blows = cracks(rng, hits, lid, 5000, 0.02) * (0.4 + 0.6 * speed) * (2.2 - 1.1 * fine)
-        take.at(now, 1.0, 0.45 * voice + 0.3 * rush * (1 + drift(len(t), rng, 8.0, 0.25)) + blows)
+        take.at(now, 1.0, 0.45 * voice + 0.3 * rush * (1 + unrest(len(t), rng, 8.0, 0.25)) + blows)
         take.at(now - 0.02, 0.7, knock(rng, 500, 4000, 0.03, click=0.8))
         powder = float(fine[int(length * SAMPLE_RATE) - 1])
         now += length + rng.uniform(0.8, 2.2)
@@ -440,7 +442,7 @@ def steam_wand_milk(count: int, rng: Generator) -> Array:
         note += [(begin, cold), (roll, 0.75 * cold), (end, 0.3 * cold), (end + 0.5, cold)]
         size = int((end - roll) * SAMPLE_RATE)
         bend = np.linspace(0.0, 1.0, size)
-        grip = np.clip(drift(size, rng, 1.2, 0.8) + 0.2 - 0.5 * bend, 0.0, 1.0)
+        grip = np.clip(unrest(size, rng, 1.2, 0.8) + 0.2 - 0.5 * bend, 0.0, 1.0)
         take.at(roll, sings, whistle(rng, pitch * (1.0 - 0.35 * bend), grip, 0.05))
         take.at(end, 0.6, knock(rng, 400, 3000, 0.05, click=0.5))
         take.line.add("purge", (end + 1.2, 0.0), (end + 1.3, 0.4), (end + 1.7, 0.35), (end + 1.8, 0.0))

@@ -24,24 +24,35 @@ SPITTING: Spectrum = {63: -26, 125: -15, 250: -6, 500: -2, 1000: 0, 2000: -2, 40
 STANDBY: Spectrum = {63: -8, 125: -4, 250: -2, 500: -2, 1000: -3, 2000: -5, 4000: -8, 8000: -13, 16_000: -26}
 
 
+def unrest(count: int, rng: Generator, rate: float, depth: float) -> Array:
+    """`signals.drift` for rates far below 100 per second: every 64th sample, and straight lines between."""
+    coarse = drift(count // 64 + 2, rng, 64.0 * rate, depth)
+    return np.asarray(np.interp(np.arange(count) / 64.0, np.arange(len(coarse)), coarse))
+
+
 class Housing:
-    """The modes of a housing with what is mounted in it; blows excite them in changing proportions."""
+    """The modes of a housing with what is mounted in it.
+
+    Blows at one place excite the modes with the same phases and nearly the same levels, so that regular blows add up
+    to lines; what varies is how hard and how squarely each of them lands.
+    """
 
     def __init__(self, rng: Generator, low: float, high: float, modes: int, decay: float, slope: float = 0.4) -> None:
         self._rng = rng
-        pitches = np.sort(np.exp(rng.uniform(np.log(low), np.log(high), modes)))
-        self._modes = [
-            (float(f), float(decay * (low / f) ** 0.5 * rng.uniform(0.5, 1.5)), float((low / f) ** slope))
-            for f in pitches
-        ]
+        self._pitch = np.sort(np.exp(rng.uniform(np.log(low), np.log(high), modes)))
+        self._fall = 6.91 / (decay * (low / self._pitch) ** 0.5 * rng.uniform(0.5, 1.5, modes))
+        self._level = (low / self._pitch) ** slope * np.exp(rng.normal(0.0, 0.4, modes))
+        self._phase = rng.uniform(0.0, 2 * np.pi, modes)
 
     def blow(self, seconds: float, hard: float = 0.3) -> Array:
-        """One blow of unit peak; ``hard`` is the peak of the contact noise."""
+        """One blow of about unit peak; ``hard`` is the peak of the contact noise."""
         rng = self._rng
-        modes = [(f * np.exp(rng.normal(0, 0.004)), d, a * np.exp(rng.normal(0.0, 0.5))) for f, d, a in self._modes]
-        out = strike(modes, seconds, rng, attack=3e-4)
-        t = time_axis(len(out))
-        contact = rng.standard_normal(len(out)) * np.exp(-t / rng.uniform(4e-4, 2e-3))
+        t = time_axis(int(seconds * SAMPLE_RATE))
+        level = self._level * np.exp(rng.normal(0.0, 0.2, len(self._level)))
+        phase = self._phase + rng.normal(0.0, 0.2, len(self._phase))
+        waves = np.sin(2 * np.pi * self._pitch[:, None] * t + phase[:, None])
+        out = level @ (waves * np.exp(-self._fall[:, None] * t)) * (1.0 - np.exp(-t / 3e-4))
+        contact = rng.standard_normal(len(t)) * np.exp(-t / rng.uniform(4e-4, 2e-3))
         out = out / np.abs(out).max() + hard * contact / np.abs(contact).max()
         out *= np.minimum(1.0, 8.0 * (1.0 - t / seconds))
         return np.asarray(out / np.abs(out).max())
@@ -76,18 +87,17 @@ class VibrationPump:
     def runs(self, rng: Generator, length: float, pressure: Sequence[tuple[float, float]]) -> Array:
         """A run of ``length`` seconds; ``pressure`` is a curve of (s, share of the largest)."""
         count = int((length + 0.08) * SAMPLE_RATE)
-        turns = 2 * np.pi * self.mains * (time_axis(count) + 0.0006 * drift(count, rng, 3.0, 1.0))
+        turns = 2 * np.pi * self.mains * (time_axis(count) + 0.0006 * unrest(count, rng, 3.0, 1.0))
         beats = np.arange(int(length * self.mains))
         moments = (beats + 0.3) / self.mains
         course = np.array(pressure).T
         load = np.interp(moments, *course)
-        swing = np.interp(moments, time_axis(count), drift(count, rng, 1.0, 0.15))
+        swing = np.interp(moments, time_axis(count), unrest(count, rng, 1.0, 0.15))
         odd = 1.0 + np.clip(0.12 + swing, 0.0, 0.4) * (-1.0) ** beats
         force = (1.0 - 0.72 * load) * odd * np.exp(rng.normal(0, 0.09, len(beats)))
         valve = (0.25 + 0.2 * load) * odd
-        if self.skip:
-            drawn = (beats % self.skip) != 0
-            force, valve = force * drawn, valve * drawn
+        drawn = (beats % self.skip != 0) if self.skip else np.ones(len(beats), dtype=bool)
+        force, valve = force * drawn, valve * drawn
         blows = [self.housing.blow(0.05, self.hard) for _ in range(10)]
         valves = [self.housing.blow(0.03, 1.2) for _ in range(10)]
         out = np.zeros(count)
@@ -97,8 +107,11 @@ class VibrationPump:
         for k in range(len(beats)):
             add_at(out, int(times[k] * SAMPLE_RATE), force[k] * blows[which[0, k]])
             add_at(out, int(later[k] * SAMPLE_RATE), valve[k] * valves[which[1, k]])
+        # A core near saturation: pulses of force narrower than those of the current's square.
         pull = np.maximum(0.0, np.sin(turns)) ** 2
-        coil = harmonics(turns, [1.0, 0.8, 0.35, 0.3, 0.2, 0.16, 0.12, 0.12, 0.08, 0.06, 0.05, 0.04], rng)
+        pull *= np.append(drawn, False)[np.clip((turns // (2 * np.pi)).astype(np.int64), 0, len(beats))]
+        coil = 2.0 * (pull + 0.6 * pull**4)
+        coil -= coil.mean()
         rush = band_noise(count, rng, 900, 7000, 1) * (0.25 + pull)
         level = np.interp(time_axis(count), [0.0, 0.04, length - 0.03, length + 0.05], [0.0, 1.0, 1.0, 0.0])
         pressed = np.interp(time_axis(count), *course)
@@ -122,17 +135,17 @@ def motor(rng: Generator, pitch: Array, orders: Sequence[float] | Array, rough: 
     """
     count = len(pitch)
     top = float(pitch.max())
-    shake = 1.0 + drift(count, rng, 12.0, 0.003) + drift(count, rng, 1.0, 0.006)
+    shake = 1.0 + unrest(count, rng, 12.0, 0.003) + unrest(count, rng, 1.0, 0.006)
     phase = phase_of(pitch * shake, count, rng.uniform(0, 6.28))
-    tones = harmonics(phase, orders, rng) * (1.0 + drift(count, rng, 6.0, 0.15))
-    noise = band_noise(count, rng, 700, 8000, 1) * (1.0 + 0.35 * np.sin(phase) + drift(count, rng, 15.0, 0.15))
+    tones = harmonics(phase, orders, rng) * (1.0 + unrest(count, rng, 6.0, 0.15))
+    noise = band_noise(count, rng, 700, 8000, 1) * (1.0 + 0.35 * np.sin(phase) + unrest(count, rng, 15.0, 0.15))
     return np.asarray((pitch / top) ** 1.5 * (tones + rough * noise))
 
 
 def cracks(rng: Generator, rate: Array, low: float, high: float, decay: float) -> Array:
     """Beans that break: ``rate`` (n,) a second, each a burst of random modes; sizes are heavy-tailed as in fracture."""
     kinds = []
-    for _ in range(48):
+    for _ in range(24):
         modes = np.exp(rng.uniform(np.log(low), np.log(high), 5))
         levels = (low / modes) ** 0.35 * rng.uniform(0.2, 1.0, 5)
         table = [(float(f), decay * rng.uniform(0.3, 1.5), float(a)) for f, a in zip(modes, levels, strict=True)]

@@ -208,7 +208,7 @@ def flushometer_diaphragm(count: int, rng: Generator) -> Array:
     power = 0.5 * take.power("jet", spectrum(_VALVE, rng, 1.5, 2.5, 3), 1.2, 14.0)
     power += 0.7 * take.power("pan", spectrum(_PLUME, rng, 0.8, 2.0, 3), 3.0, 14.0)
     power += 0.12 * take.power("squeeze", spectrum(_VALVE, rng), 2.0, 14.0) * moving_peak(note, 3.0, 12.0)
-    power += take.power("-", spectrum(_RESIDUE, rng), 1.0, least=0.08)
+    power += take.power("-", spectrum(_RESIDUE, rng), 1.0, least=0.1)
     water = 0.6 * take.bubbles("pan", 130, (0.8, 6.0), 4.0) + 1.2 * take.splashes("pan", 40, 0.3)
     return take.heard(power, water, 2.2)
 
@@ -407,7 +407,7 @@ def concealed_wall(count: int, rng: Generator) -> Array:
     place = np.log2(BANDS)
     wall = -6.0 * np.maximum(0.0, place - np.log2(180.0)) + 9.0 * np.exp(-np.square((place - np.log2(dip)) / 0.35))
     wall += 4.0 * np.exp(-np.square((place - np.log2(cavity)) / 0.3))
-    shape: Spectrum = {63: -28, 125: -17, 250: -7, 500: -2, 1000: 0, 2000: -2, 4000: -4, 8000: -7, 16_000: -20}
+    shape: Spectrum = {63: -28, 125: -17, 250: -7, 500: -2, 1000: 0, 2000: -2, 4000: -4, 8000: -4, 16_000: -17}
     power = take.power("flush", spectrum(shape, rng, 0.8), 2.5, 11.0)
     power += take.power("fill", spectrum(_VALVE, rng) + wall, 1.0) * moving_peak(
         _filling(take, 200, 520, spans), 3.0, 6.0
