@@ -13,6 +13,7 @@ from generators.assets.sounds.devices.coffee_machine_parts import (
     slugs,
 )
 from generators.assets.sounds.water import Take
+from tests.support.spectra import energy_at
 
 SR = 44_100
 VOICES = voices("coffee_machine")
@@ -20,33 +21,11 @@ VOICES = voices("coffee_machine")
 
 def lines(signal, frequencies):
     """Energy within 1.5 Hz of each frequency."""
-    power = np.abs(np.fft.rfft(signal * np.hanning(len(signal)))) ** 2
-    axis = np.fft.rfftfreq(len(signal), 1 / SR)
-    return np.array([power[np.abs(axis - frequency) < 1.5].sum() for frequency in frequencies])
+    return energy_at(signal, frequencies, 1.5)
 
 
 def pump(mains, skip=0):
     return VibrationPump(mains, Housing(np.random.default_rng(0), 180, 5000, 12, 0.06), 0.3, 0.2, 0.1, skip)
-
-
-def test_ten_voices_of_known_and_new_mechanisms():
-    splits = [voice.split for voice in VOICES]
-    assert (splits.count("train"), splits.count("validation"), splits.count("test")) == (6, 1, 3)
-    assert len({voice.name for voice in VOICES}) == len({voice.play for voice in VOICES}) == 10
-    known = {voice.mechanism for voice in VOICES if voice.split == "train"}
-    tested = {voice.mechanism for voice in VOICES if voice.split == "test"}
-    assert tested & known
-    assert tested - known
-
-
-@pytest.mark.parametrize("voice", VOICES, ids=lambda voice: voice.name)
-def test_a_take_follows_its_seed(voice):
-    first, again, other = (voice.play(SR + 7, np.random.default_rng(seed)) for seed in (1, 1, 2))
-    assert first.shape == (SR + 7,)
-    assert first.dtype == np.float64
-    assert np.isfinite(first).all()
-    assert first.tobytes() == again.tobytes()
-    assert abs(np.corrcoef(first, other)[0, 1]) < 0.5
 
 
 @pytest.mark.parametrize("mains", [50.0, 60.0])

@@ -22,26 +22,6 @@ SR = 44_100
 VOICES = voices("toilet")
 
 
-def test_ten_voices_of_known_and_new_mechanisms():
-    splits = [voice.split for voice in VOICES]
-    assert (splits.count("train"), splits.count("validation"), splits.count("test")) == (6, 1, 3)
-    assert len({voice.name for voice in VOICES}) == len({voice.play for voice in VOICES}) == 10
-    known = {voice.mechanism for voice in VOICES if voice.split == "train"}
-    tested = {voice.mechanism for voice in VOICES if voice.split == "test"}
-    assert tested & known
-    assert tested - known
-
-
-@pytest.mark.parametrize("voice", VOICES, ids=lambda voice: voice.name)
-def test_a_take_follows_its_seed(voice):
-    first, again, other = (voice.play(SR + 7, np.random.default_rng(seed)) for seed in (1, 1, 2))
-    assert first.shape == (SR + 7,)
-    assert first.dtype == np.float64
-    assert np.isfinite(first).all()
-    assert first.tobytes() == again.tobytes()
-    assert abs(np.corrcoef(first, other)[0, 1]) < 0.5
-
-
 def test_a_flow_has_the_level_and_the_spectrum_that_are_asked_for():
     count = 4 * SR
     times = frame_times(count)

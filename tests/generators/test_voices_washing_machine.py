@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
 from generators.assets.sounds import Voice, find_voice, machines, voices
+from tests.support.spectra import likeness, share_above, strongest
 
 Array = NDArray[np.float64]
 SECONDS = 4
@@ -19,25 +20,17 @@ def _constant(value: float) -> Array:
     return np.full(machines.control_count(COUNT), value)
 
 
-def _line(signal: Array, low: float, high: float) -> float:
-    """Frequency (Hz) of the strongest line between two frequencies."""
-    spectrum = np.abs(np.fft.rfft(signal * np.hanning(len(signal))))
-    frequencies = np.fft.rfftfreq(len(signal), 1 / SAMPLE_RATE)
-    inside = (frequencies >= low) & (frequencies <= high)
-    return float(frequencies[inside][np.argmax(spectrum[inside])])
-
-
 def test_an_induction_motor_slips_behind_its_field() -> None:
     """Four poles at 50 Hz: 25 turns per second less 2–6 %; the hum stays at 100 Hz."""
     heard = machines.induction_motor(COUNT, np.random.default_rng(1), 50.0, slots=30, pairs=2)
-    assert _line(heard, 30, 1000) == pytest.approx(100.0, abs=0.5)
-    slot = _line(heard, 30 * 25 * 0.92, 30 * 25)
+    assert strongest(heard, 30, 1000) == pytest.approx(100.0, abs=0.5)
+    slot = strongest(heard, 30 * 25 * 0.92, 30 * 25)
     assert 0.015 < 1 - slot / (30 * 25) < 0.08
 
 
 def test_a_permanent_magnet_motor_sings_at_even_electrical_orders() -> None:
     heard = machines.permanent_magnet_motor(COUNT, np.random.default_rng(1), _constant(5.0), 20.0, pairs=24, teeth=36)
-    orders = _line(heard, 60, 4000) / (24 * 5.0)
+    orders = strongest(heard, 60, 4000) / (24 * 5.0)
     assert orders == pytest.approx(2 * round(orders / 2), rel=0.005)
 
 
@@ -46,7 +39,7 @@ def test_a_pitted_ring_is_hit_at_four_tenths_of_the_balls_per_turn() -> None:
     body = machines.plate(np.random.default_rng(0), 800, 4000, 20, 0.05)
     heard = machines.bearing_defect(COUNT, np.random.default_rng(1), _constant(10.0), 10.0, 8, body)
     envelope = np.abs(heard)
-    assert _line(envelope - envelope.mean(), 25, 45) == pytest.approx(0.4 * 8 * 10, rel=0.04)
+    assert strongest(envelope - envelope.mean(), 25, 45) == pytest.approx(0.4 * 8 * 10, rel=0.04)
 
 
 def test_a_pitted_ring_is_heard_beside_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -63,7 +56,7 @@ def test_a_pitted_ring_is_heard_beside_the_rest(monkeypatch: pytest.MonkeyPatch)
 def test_a_synchronous_pump_keeps_to_the_mains() -> None:
     body = machines.plate(np.random.default_rng(0), 160, 3000, 20, 0.05)
     heard = machines.synchronous_pump(COUNT, np.random.default_rng(1), 60.0, body, _constant(0.2))
-    assert _line(heard, 100, 140) == pytest.approx(120.0, abs=0.5)
+    assert strongest(heard, 100, 140) == pytest.approx(120.0, abs=0.5)
 
 
 def test_a_tub_swings_most_at_the_resonance_of_its_suspension() -> None:
@@ -73,19 +66,11 @@ def test_a_tub_swings_most_at_the_resonance_of_its_suspension() -> None:
     assert swing[-1] == pytest.approx(1.0, abs=0.03)
 
 
-def test_six_one_and_three_voices_share_a_mechanism_of_training() -> None:
-    known = voices("washing_machine")
-    assert [sum(v.split == split for v in known) for split in ("train", "validation", "test")] == [6, 1, 3]
-    assert {v.mechanism for v in known if v.split == "test"} & {v.mechanism for v in known if v.split == "train"}
-
-
 @VOICES
 def test_a_take_is_never_near_silence_never_periodic_and_ends_below_16_khz(voice: Voice) -> None:
     heard = voice.play(COUNT, np.random.default_rng(7))
     assert heard.dtype == np.float64
     power = np.square(heard).reshape(SECONDS, -1).mean(axis=1)
     assert 10 * np.log10(power.min() / power.mean()) > -27
-    spectrum = np.square(np.abs(np.fft.rfft(heard, 2 * COUNT)))
-    likeness = np.fft.irfft(spectrum)[: COUNT // 2]
-    assert likeness[SAMPLE_RATE // 10 :].max() < 0.98 * likeness[0]
-    assert spectrum[-int(len(spectrum) * 6050 / 22_050) :].sum() < 0.003 * spectrum.sum()
+    assert likeness(heard, SAMPLE_RATE // 10, COUNT // 2) < 0.98
+    assert share_above(heard, 16_000) < 0.003
