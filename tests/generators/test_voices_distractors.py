@@ -18,7 +18,8 @@ from generators.assets.sounds.devices.distractors_music import _string
 from generators.assets.sounds.devices.distractors_street import _pass
 from generators.assets.sounds.formants import noises, speak, talker
 from generators.assets.sounds.loudness import CEILING_DB, normalised
-from generators.assets.sounds.room_tone import slow_curve, spectrum_noise, upsampled
+from generators.assets.sounds.room_tone import slow_curve, spectrum_noise
+from generators.assets.sounds.signals import upsampled
 from tests.support.spectra import strongest
 
 SR = 44_100

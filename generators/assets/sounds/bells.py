@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.signal import butter, iirpeak, lfilter, sosfilt
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
-from generators.assets.sounds.room_tone import slow_curve, upsampled
-from generators.assets.sounds.signals import Array, add_at, strike, time_axis
+from generators.assets.sounds.room_tone import slow_curve
+from generators.assets.sounds.signals import Array, add_at, period, strike, time_axis, upsampled
 
 #: A mode of a struck body: frequency, time to fall by 60 dB, amplitude.
 Mode = tuple[float, float, float]
@@ -263,8 +263,5 @@ def turning(count: int, rng: Generator, frequency: float, slow: float, fast: flo
 def wave(phase: Array, amplitudes: Sequence[float] | Array, rng: Generator) -> Array:
     """Sum of harmonics as `signals.harmonics`, from a table without interpolation (error −80 dB): for long signals."""
     size = 1 << 15
-    turn = np.arange(size) * (2 * np.pi / size)
-    table = np.zeros(size)
-    for order, amplitude in enumerate(amplitudes, start=1):
-        table += amplitude * np.sin(order * turn + rng.uniform(0, 2 * np.pi))
+    table = period(size, amplitudes, rng)
     return np.asarray(table[(phase * (size / (2 * np.pi))).astype(np.int64) & (size - 1)])

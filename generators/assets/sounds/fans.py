@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.signal import oaconvolve
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
-from generators.assets.sounds.signals import Array, drift
+from generators.assets.sounds.signals import Array, drift, upsampled
 
 #: Samples of a signal.
 Signal = NDArray[np.float32]
@@ -41,10 +41,7 @@ def frames(count: int) -> int:
 
 def expand(curve: Array, count: int) -> Signal:
     """(count,) samples of a slow curve, interpolated linearly."""
-    values = curve.astype(np.float32)
-    out = np.diff(values)[:, None] * (np.arange(HOP, dtype=np.float32) / HOP)
-    out += values[:-1, None]
-    return np.asarray(out.reshape(-1)[:count])
+    return upsampled(curve.astype(np.float32), HOP, count)
 
 
 def slow(count: int, rng: Generator, rate: float, depth: float) -> Array:

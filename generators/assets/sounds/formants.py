@@ -14,8 +14,8 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
-from generators.assets.sounds.room_tone import spectrum_noise, upsampled
-from generators.assets.sounds.signals import Array, add_at, time_axis
+from generators.assets.sounds.room_tone import spectrum_noise
+from generators.assets.sounds.signals import Array, add_at, time_axis, upsampled
 
 #: Formants of ten vowels, means of 33 men (G. E. Peterson & H. L. Barney, JASA 24 (1952) 175–184).
 VOWELS = np.array(
@@ -120,16 +120,16 @@ def _score(seconds: float, rng: Generator, who: Talker) -> _Score:
         soft = np.interp(np.arange(first, last), [middle - 3, middle + 6, last - 8, last], [0, 1, 0.8, 0.35])
         if kind == "sonorant" or (kind == "none" and number):
             soft = np.maximum(soft, 0.35)
-        _add(voiced, first, level * soft)
+        add_at(voiced, first, level * soft)
         if kind == "fricative":
-            _add(
+            add_at(
                 noises[:, int(rng.integers(0, 3))],
                 first,
                 level * rng.uniform(0.4, 1.0) * np.hanning(middle - first + 2),
             )
         elif kind == "stop":
             burst = np.exp(-np.arange(10) / rng.uniform(1.5, 5.0))
-            _add(noises[:, int(rng.integers(0, 3))], middle - 3, level * rng.uniform(0.5, 1.3) * burst)
+            add_at(noises[:, int(rng.integers(0, 3))], middle - 3, level * rng.uniform(0.5, 1.3) * burst)
     t = np.arange(n) / _CURVES
     times = np.array([k for k, _ in knots])
     order = np.argsort(times)
@@ -140,13 +140,6 @@ def _score(seconds: float, rng: Generator, who: Talker) -> _Score:
         np.interp(t, np.arange(0, seconds + 1, 0.03), rng.normal(0, 0.012, len(np.arange(0, seconds + 1, 0.03))))
     )
     return _Score(pitch, voiced, formants, noises)
-
-
-def _add(out: NDArray[np.float64], start: int, piece: Array) -> None:
-    """`signals.add_at` for views."""
-    low, high = max(0, start), min(len(out), start + len(piece))
-    if high > low:
-        out[low:high] += piece[low - start : high - start]
 
 
 def _grains(who: Talker) -> tuple[NDArray[np.float64], list[Array]]:

@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import firwin2, lfilter, oaconvolve
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
-from generators.assets.sounds.signals import Array, add_at
+from generators.assets.sounds.signals import Array, add_at, upsampled
 
 #: Samples per control value, and control values per second.
 CONTROL_STEP = 100
@@ -34,8 +34,7 @@ def control_count(count: int) -> int:
 
 def expand(curve: Array, count: int) -> Array:
     """(count,) samples of a control curve, linearly interpolated, of its type."""
-    fraction = (np.arange(CONTROL_STEP) / CONTROL_STEP).astype(curve.dtype)
-    return np.asarray((curve[:-1, None] + np.diff(curve)[:, None] * fraction).ravel()[:count])
+    return upsampled(curve, CONTROL_STEP, count)
 
 
 def wander(count: int, rng: Generator, rate: float, depth: float) -> Array:

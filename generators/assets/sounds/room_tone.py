@@ -11,7 +11,7 @@ from scipy.signal import butter, lfilter, sosfilt
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
 from generators.assets.sounds.loudness import TARGET_LUFS, integrated_loudness
-from generators.assets.sounds.signals import Array, add_at, strike, time_axis, unit
+from generators.assets.sounds.signals import Array, add_at, strike, time_axis, unit, upsampled
 
 #: RMS level of the room (dBFS) once the whole is at `TARGET_LUFS`; the floor that no second may go below is −45.
 _ROOM_DBFS = (-41.0, -37.5)
@@ -33,15 +33,6 @@ def slow_curve(count: int, rng: Generator, rate: float, depth: float) -> Array:
     start = int(rng.integers(0, step))
     values = rng.normal(0.0, depth, (count + start) // step + 2)
     return upsampled(values, step, count + start)[start:]
-
-
-def upsampled(values: Array, step: int, count: int) -> Array:
-    """(count,) lines through values that are ``step`` samples apart; beyond the last, the last."""
-    missing = (count - 1) // step + 2 - len(values)
-    if missing > 0:
-        values = np.concatenate([values, np.full(missing, values[-1])])
-    share = np.arange(step) / step
-    return np.asarray((values[:-1, None] + np.diff(values)[:, None] * share).ravel()[:count])
 
 
 def sloped_noise(count: int, rng: Generator, low: float, corner: float, knee: float) -> Array:

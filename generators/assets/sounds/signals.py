@@ -6,6 +6,7 @@ All functions take and return float64 at `SAMPLE_RATE`; times are in seconds, fr
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 from numpy.random import Generator
@@ -16,6 +17,7 @@ from scipy.signal import butter, iirpeak, lfilter, sosfilt
 from avs3d_bench.contract.layout import SAMPLE_RATE
 
 Array = NDArray[np.float64]
+F = TypeVar("F", bound=NDArray[np.floating])
 
 
 def time_axis(count: int) -> Array:
@@ -67,19 +69,35 @@ def phase_of(frequency: Array | float, count: int, start: float = 0.0) -> Array:
     return start + 2 * np.pi * np.cumsum(np.asarray(frequency)) / SAMPLE_RATE
 
 
-def harmonics(phase: Array, amplitudes: Sequence[float] | Array, rng: Generator) -> Array:
-    """Sum of sin(k·phase + random start) · amplitude_k, k = 1, 2, … (one period is tabulated and looked up)."""
-    size = 8192
+def period(size: int, amplitudes: Sequence[float] | Array, rng: Generator) -> Array:
+    """(size,) one period of harmonics k = 1, 2, … with random phases."""
     turn = np.arange(size) * (2 * np.pi / size)
     table = np.zeros(size)
     for k, amplitude in enumerate(amplitudes, start=1):
         table += amplitude * np.sin(k * turn + rng.uniform(0, 2 * np.pi))
+    return table
+
+
+def harmonics(phase: Array, amplitudes: Sequence[float] | Array, rng: Generator) -> Array:
+    """Sum of sin(k·phase + random start) · amplitude_k, k = 1, 2, … (one period is tabulated and looked up)."""
+    size = 8192
+    table = period(size, amplitudes, rng)
     place = np.mod(phase * (size / (2 * np.pi)), size)
     index = place.astype(np.int64)
     fraction = place - index
     index %= size
     following = np.roll(table, -1)
     return np.asarray(table[index] * (1 - fraction) + following[index] * fraction)
+
+
+def upsampled(values: F, step: int, count: int) -> F:
+    """(count,) lines through values that are ``step`` samples apart, of their type; beyond the last, the last."""
+    missing = (count - 1) // step + 2 - len(values)
+    if missing > 0:
+        values = np.concatenate([values, np.full(missing, values[-1])]).astype(values.dtype)
+    out = np.diff(values)[:, None] * (np.arange(step) / step).astype(values.dtype)
+    out += values[:-1, None]
+    return np.asarray(out.ravel()[:count])
 
 
 def ramp(count: int, times: Sequence[float], levels: Sequence[float], soft: float = 0.05) -> Array:
@@ -135,7 +153,7 @@ def bubbles(count: int, rng: Generator, rate: Array | float, radii_mm: tuple[flo
     return out
 
 
-def add_at(out: Array, start: int, piece: Array) -> None:
+def add_at(out: NDArray[np.floating], start: int, piece: NDArray[np.floating]) -> None:
     """Add ``piece`` to ``out`` from sample ``start`` on; samples beyond the ends of ``out`` are dropped."""
     low, high = max(0, start), min(len(out), start + len(piece))
     if high > low:

@@ -36,3 +36,15 @@ class Voice:
     source: str
     play: Callable[[int, Generator], NDArray[np.float64]]
     kind: Kind = "synthesised"
+
+    @classmethod
+    def of(
+        cls,
+        category: str,
+        play: Callable[[int, Generator], NDArray[np.float64]],
+        split: Split,
+        mechanism: str,
+        source: str,
+    ) -> Voice:
+        """The voice that a function plays, with its name."""
+        return cls(category, play.__name__, split, mechanism, source, play)

@@ -7,7 +7,7 @@ flame, a transformer, a fan.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.random import Generator
@@ -29,7 +29,7 @@ from generators.assets.sounds.devices.coffee_machine_parts import (
     unrest,
 )
 from generators.assets.sounds.signals import Array, band_noise, harmonics, phase_of, time_axis
-from generators.assets.sounds.voice import Split, Voice
+from generators.assets.sounds.voice import Voice
 from generators.assets.sounds.water import (
     HOP,
     Spectrum,
@@ -468,9 +468,7 @@ _BUBBLES = "boiling water in a tube"
 _ULKA = "ULKA EP5 data sheet (half-wave drive)"
 
 
-def _voice(play: Callable[[int, Generator], Array], split: Split, mechanism: str, origin: str) -> Voice:
-    return Voice("coffee_machine", play.__name__, split, mechanism, origin, play)
-
+_voice = partial(Voice.of, "coffee_machine")
 
 VOICES: tuple[Voice, ...] = (
     _voice(vibration_pump_espresso, "train", _PUMP, _ULKA),

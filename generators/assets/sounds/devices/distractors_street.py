@@ -8,8 +8,8 @@ from scipy.signal import butter, sosfilt
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
 from generators.assets.sounds.bells import resonator, turning, unsteady, wave
-from generators.assets.sounds.room_tone import slow_curve, spectrum_noise, upsampled
-from generators.assets.sounds.signals import Array, add_at, phase_of, unit
+from generators.assets.sounds.room_tone import slow_curve, spectrum_noise
+from generators.assets.sounds.signals import Array, add_at, phase_of, unit, upsampled
 
 _SOUND = 343.0
 #: Values per second of the curves of level.

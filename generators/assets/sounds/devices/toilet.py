@@ -7,14 +7,14 @@ runs the residue of the device: a weeping valve, a trickle down the pan, a fan o
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.random import Generator
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
 from generators.assets.sounds.signals import Array, band_noise, drift, harmonics, phase_of
-from generators.assets.sounds.voice import Split, Voice
+from generators.assets.sounds.voice import Voice
 from generators.assets.sounds.water import (
     BANDS,
     HOP,
@@ -504,9 +504,7 @@ _GRAVITY = "gravity cistern, wash-down pan"
 _MAINS = "flush valve on the mains"
 
 
-def _voice(play: Callable[[int, Generator], Array], split: Split, mechanism: str, origin: str) -> Voice:
-    return Voice("toilet", play.__name__, split, mechanism, origin, play)
-
+_voice = partial(Voice.of, "toilet")
 
 VOICES: tuple[Voice, ...] = (
     _voice(washdown_close_coupled, "train", _GRAVITY, "EN 997, EN 14124; bubbles: van den Doel 2005"),
