@@ -77,11 +77,7 @@ def other_frame(frame: Frame, *, same_category: bool) -> Frame:
 def sounding_categories(observation: Observation) -> frozenset[str]:
     """The categories that sound in an observation; empty in silence, and where the truth is not known."""
     record = observation.record
-    if record is None:
-        return frozenset()
-    if record.sources is not None:
-        return frozenset(source.category for source in record.sources)
-    return frozenset({record.category} if record.category else ())
+    return frozenset(source.category for source in record.sound_sources) if record else frozenset()
 
 
 @lru_cache(maxsize=4)

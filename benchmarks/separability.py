@@ -24,8 +24,9 @@ from scipy.signal import butter, fftconvolve, sosfilt
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
 from avs3d_bench.contract.taxonomy import CATEGORIES
-from benchmarks.voices import recordings, resampled
+from benchmarks.voices import recordings
 from generators.assets.sounds import synthesise, voices
+from generators.assets.sounds.recordings import resampled
 
 Array = NDArray[np.float64]
 Filter = Callable[[Array], Array]

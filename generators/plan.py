@@ -334,7 +334,7 @@ def takes_of(manifest: Manifest) -> dict[str, dict[str, Takes]]:
 
 
 def _check_variants(manifest: Manifest) -> None:
-    """Check the names of procedural variants, in ``models`` and in observations, and those of ``voices``.
+    """Check the names of procedural variants, in ``models`` and in observations.
 
     Raises:
         UsageError: naming the first one that does not exist.
@@ -343,14 +343,6 @@ def _check_variants(manifest: Manifest) -> None:
     for spec in manifest.observations:
         if spec.variant is not None and spec.category is not None and spec.category not in manifest.objects:
             named.append((spec.key, spec.category, spec.variant))
-    for category, names in manifest.voices.items():
-        from generators.assets.sounds import find_voice
-
-        for name in names:
-            try:
-                find_voice(category, name)
-            except UsageError as error:
-                raise UsageError(f"{manifest.name}: voices: {error}") from None
     if not named:
         return
     from generators.assets.catalogue import training_variants, variants
@@ -363,6 +355,24 @@ def _check_variants(manifest: Manifest) -> None:
                 f"{manifest.name}: {where}: unknown variant {variant!r} of {category}; "
                 f"expected one of {', '.join(known)}{hint}"
             )
+
+
+def _check_voices(manifest: Manifest) -> None:
+    """Check the names of ``voices``.
+
+    Raises:
+        UsageError: naming the first one that does not exist.
+    """
+    if not manifest.voices:
+        return
+    from generators.assets.sounds import find_voice
+
+    for category, names in manifest.voices.items():
+        for name in names:
+            try:
+                find_voice(category, name)
+            except UsageError as error:
+                raise UsageError(f"{manifest.name}: voices: {error}") from None
 
 
 def make_plans(source: ManifestFile, options: GenerateOptions | None = None) -> tuple[ObservationPlan, ...]:
@@ -387,6 +397,7 @@ def make_plans(source: ManifestFile, options: GenerateOptions | None = None) -> 
     engines = asked.engine_options(manifest.engine())
     backends = backend_versions(engines)
     _check_variants(manifest)
+    _check_voices(manifest)
     selected = select(manifest, asked.only)
     check_assets(
         source.base / LOCK_NAME,

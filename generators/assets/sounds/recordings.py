@@ -45,15 +45,21 @@ def load_sound(
         raise Avs3dError(f"{file}: {bad} samples are NaN or infinite; repair or replace the recording")
     if len(mono) < _SHORTEST * rate:
         raise Avs3dError(f"{file}: the recording lasts {len(mono) / rate:.2f} s; expected at least {_SHORTEST} s")
-    if rate != sample_rate:
-        divisor = int(np.gcd(rate, sample_rate))
-        mono = resample_poly(mono, sample_rate // divisor, rate // divisor)
+    mono = resampled(mono, rate, sample_rate)
     first = int(start * len(mono))
     looped = loop(mono, first + round(seconds * sample_rate), round(_CROSS_FADE * sample_rate))[first:]
     loudness = integrated_loudness(looped, sample_rate)
     if loudness < _SILENCE:
         raise Avs3dError(f"{file}: the recording is silent ({loudness:.1f} LUFS); expected at least {_SILENCE:g} LUFS")
     return normalised(looped, sample_rate, TARGET_LUFS, CEILING_DB)
+
+
+def resampled(mono: NDArray[np.float64], rate: int, sample_rate: int = SAMPLE_RATE) -> NDArray[np.float64]:
+    """(n,) samples at ``rate`` Hz as samples at ``sample_rate`` Hz."""
+    if rate == sample_rate:
+        return mono
+    divisor = int(np.gcd(rate, sample_rate))
+    return np.asarray(resample_poly(mono, sample_rate // divisor, rate // divisor))
 
 
 def recorded_seconds(path: Path | str) -> float:
