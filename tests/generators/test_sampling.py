@@ -15,6 +15,7 @@ from click.testing import CliRunner
 from avs3d_bench.contract.taxonomy import CATEGORIES, DISTRACTORS, PARTS, ROOMS
 from avs3d_bench.errors import Avs3dError, UsageError
 from generators.assets import catalogue
+from generators.assets.sounds import voices
 from generators.manifest.reading import read_manifest
 from generators.manifest.schema import Manifest, ObservationSpec
 from generators.options import GenerateOptions
@@ -292,6 +293,23 @@ def test_held_out_models_are_training_variants_that_no_excluded_manifest_draws(
     assert set(document["models"]) == {*CATEGORIES, *DISTRACTORS}
     with pytest.raises(UsageError, match=r"no training variant of clock is left \(other uses all of them\)"):
         Excluded({}, {}, used | {("clock", "two"): "other"}).held_out_models()
+
+
+def test_held_out_voices_are_training_voices_that_no_excluded_manifest_draws(tmp_path: Path) -> None:
+    training = {name: [voice.name for voice in voices(name) if voice.split == "train"] for name in CATEGORIES}
+    first, _ = sample(Wanted(homes=2, observations=4, seed=1, hold_out_sounds=True), Excluded({}, {}, {}))
+    assert first["voices"] == training
+    heard = {name for entry in Manifest.model_validate(first).observations for name in entry.heard}
+    path = tmp_path / "first.yaml"
+
+    def left() -> dict[str, list[str]]:
+        path.write_text(manifest_text(first, "the command"))
+        return what_they_use([path], tmp_path / "out.yaml").held_out_voices()
+
+    with pytest.raises(UsageError, match=rf"no training voice of .* is left \({first['name']} uses all of them\)"):
+        left()
+    first["voices"] = {name: names[:2] for name, names in training.items()}
+    assert left() == {name: names[2:] if name in heard else names for name, names in training.items()}
 
 
 def test_what_does_not_fit_is_drawn_again_in_the_same_place() -> None:

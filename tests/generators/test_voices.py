@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -10,6 +13,11 @@ from avs3d_bench.errors import UsageError
 from generators.assets.sounds import SECOND_FLOOR_DB, TARGET_LUFS, Voice, find_voice, synthesise, voices
 from generators.assets.sounds.capture import captured
 from generators.assets.sounds.loudness import integrated_loudness
+from generators.manifest.reading import read_manifest
+from generators.observation.sources import choose_signal
+from generators.options import GenerateOptions
+from generators.plan import ObservationPlan, make_plans
+from tests.support.homes import write_manifest
 
 SR = 44_100
 ALL = [voice for category in CATEGORIES for voice in voices(category)]
@@ -86,3 +94,56 @@ def test_a_capture_ends_the_spectrum_and_puts_a_floor_under_silence() -> None:
     assert -66 < min(floors) < max(floors) < -30
     assert np.ptp(floors) > 10
     assert not captured(np.zeros(SR), np.random.default_rng(0)).any()
+
+
+# --- in a manifest ----------------------------------------------------------------------------------------------------
+
+
+def plans(folder: Path, **changes: Any) -> dict[str, ObservationPlan]:
+    """Plans of a microwave in part_1 and of clocks in part_2, by category."""
+    found = make_plans(read_manifest(write_manifest(folder, **changes)), GenerateOptions(audio="analytic"))
+    return {str(plan.spec.category): plan for plan in found}
+
+
+def test_a_source_plays_one_of_its_voices_and_its_record_names_it(tmp_path: Path) -> None:
+    plain = plans(tmp_path)
+    voiced, again = (plans(tmp_path, voices={"clock": ["wall_quartz", "flip"]}) for _ in range(2))
+    signal = choose_signal(voiced["clock"], "clock")
+    assert signal.asset in {"procedural:clock/wall_quartz", "procedural:clock/flip"}
+    assert signal.samples.tobytes() == choose_signal(again["clock"], "clock").samples.tobytes()
+    old = choose_signal(plain["clock"], "clock")
+    assert old.asset == "procedural:clock"
+    assert old.samples.tobytes() != signal.samples.tobytes()
+    # Only what hears a category depends on its voices, and pictures never do.
+    assert voiced["clock"].digest != plain["clock"].digest
+    assert voiced["microwave"].digest == plain["microwave"].digest
+    assert voiced["clock"].pictures_digest == plain["clock"].pictures_digest
+
+
+def test_both_voices_of_a_manifest_are_drawn(tmp_path: Path) -> None:
+    names = {"microwave": ["popcorn", "timer_bell"]}
+    drawn = [plans(tmp_path, voices=names, seed=seed)["microwave"] for seed in range(8)]
+    heard = {choose_signal(plan, "microwave").asset for plan in drawn}
+    assert heard == {"procedural:microwave/popcorn", "procedural:microwave/timer_bell"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"voices": {"clock": ["sundial"]}}, "tiny: voices: clock has no voice 'sundial'; expected one of longcase"),
+        ({"voices": {"clock": ["flip", "flip"]}}, "'flip' is listed twice"),
+        ({"voices": {"clock": []}}, "voices.clock"),
+        (
+            {
+                "voices": {"clock": ["flip"]},
+                "sounds": {"clock": [{"file": "a.wav", "licence": {"name": "CC0-1.0", "author": "a"}}]},
+            },
+            "the files in sounds replace the voices of clock; leave out one of both",
+        ),
+    ],
+)
+def test_wrong_voices_are_one_line(changes: dict[str, Any], said: str, tmp_path: Path) -> None:
+    with pytest.raises(UsageError) as error:
+        plans(tmp_path, **changes)
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
