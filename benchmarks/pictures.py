@@ -62,12 +62,12 @@ def main(
     """Make the pictures of the docs that the given datasets allow."""
     if demo is not None:
         submissions = demo.parent / f"{demo.name}-submissions"
-        write_bytes(output / "contact-sheet.png", _sheet(Dataset(demo)[MULTI], 8))
+        write_bytes(output / "contact-sheet.png", _sheet(Dataset(demo), MULTI, 8))
         _save(output / "video.jpg", _film_frame(Dataset(demo), submissions / "centre-box"))
         _save(output / "player.jpg", _player(demo, submissions))
         _save(output / "view-3d.jpg", _view_3d(demo, submissions / "oracle-sounding"))
     if moving is not None:
-        _save(output / "moving-source.jpg", _decoded(_sheet(Dataset(moving)[0], 6)), width=1200)
+        _save(output / "moving-source.jpg", _decoded(_sheet(Dataset(moving), Dataset(moving).keys[0], 6)), width=1200)
     if sh3d is not None:
         for category, observation in _one_per_category(Dataset(sh3d)).items():
             _save(output / f"sh3d-{category}.jpg", _pair(_best_frame(observation)))
@@ -99,9 +99,9 @@ def _decoded(png: bytes) -> np.ndarray:
     return np.asarray(picture[..., ::-1])
 
 
-def _sheet(observation: Observation, columns: int) -> bytes:
+def _sheet(dataset: Dataset, key: str, columns: int) -> bytes:
     stream = io.BytesIO()
-    draw_contact_sheet(observation, columns).savefig(stream, format="png", dpi=100, metadata={"Software": None})
+    draw_contact_sheet(dataset, key, columns).savefig(stream, format="png", dpi=100, metadata={"Software": None})
     return stream.getvalue()
 
 

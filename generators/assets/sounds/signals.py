@@ -17,7 +17,7 @@ from scipy.signal import butter, iirpeak, lfilter, sosfilt
 from avs3d_bench.contract.layout import SAMPLE_RATE
 
 Array = NDArray[np.float64]
-F = TypeVar("F", bound=NDArray[np.floating])
+F = TypeVar("F", bound=np.floating)
 
 
 def time_axis(count: int) -> Array:
@@ -90,7 +90,7 @@ def harmonics(phase: Array, amplitudes: Sequence[float] | Array, rng: Generator)
     return np.asarray(table[index] * (1 - fraction) + following[index] * fraction)
 
 
-def upsampled(values: F, step: int, count: int) -> F:
+def upsampled(values: NDArray[F], step: int, count: int) -> NDArray[F]:
     """(count,) lines through values that are ``step`` samples apart, of their type; beyond the last, the last."""
     missing = (count - 1) // step + 2 - len(values)
     if missing > 0:
