@@ -39,7 +39,8 @@ def run(folder: Path, cache: Path, *, name: str, factor: int) -> str:
     target.write_text(KERNEL.format(name=name, factor=factor))
     os.utime(target, (10**9, 10**9))
     environment = os.environ | {"PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(cache)}
-    command = [sys.executable, "-m", "generators.core.summing"]
+    # Without Python's own compiled files: they, too, would take a source of the same date and length for the same.
+    command = [sys.executable, "-B", "-m", "generators.core.summing"]
     done = subprocess.run(
         command, env=environment, cwd=folder, capture_output=True, text=True, timeout=120, check=False
     )
