@@ -35,7 +35,7 @@ PARTS = ("part_1", "part_2", PART_3)
 #: What a category is called: a name of its own must fit this, too.
 CATEGORY_PATTERN = r"^[a-z][a-z0-9_]{0,63}$"
 #: Largest number of names that a message lists.
-_MOST_NAMED = 12
+_MOST_NAMED = 14
 #: Largest number of categories that a manifest adds: category masks have 8 bits, and 0 means nothing.
 MOST_OWN_CATEGORIES = 255 - len(CATEGORIES)
 
@@ -65,12 +65,13 @@ def check_category(value: str, *, silent: bool = False, off_screen: bool = False
         (*CATEGORIES, *own, *(DISTRACTORS if silent else ()), *(OFF_SCREEN_CATEGORIES if off_screen else ()))
     ))  # fmt: skip
     if value not in allowed and value in (*DISTRACTORS, *OFF_SCREEN_CATEGORIES):
+        away = "heard from other rooms alone (a source of part_3 with its room)"
         if silent:
-            why = "is only heard, from other rooms, and is no object"
-        elif value in OFF_SCREEN_CATEGORIES:
-            why = "is silent where it is seen, and heard from other rooms alone (a source of part_3 with its room)"
-        else:
+            why = f"is no object, but {away}"
+        elif value not in OFF_SCREEN_CATEGORIES:
             why = "never sounds"
+        else:
+            why = f"is silent where it is seen, and {away}" if value in DISTRACTORS else f"is {away}"
         raise UsageError(f"{value} {why}: {_expected(allowed)}")
     return _known(value, allowed, "category")
 

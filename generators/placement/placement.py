@@ -99,7 +99,7 @@ RULES = {
     "oven": Rule(_KITCHEN_TOP, jitter=2.0, rear=0.8),
     "dishwasher": Rule(),
     "kettle": Rule(_KITCHEN_TOP, jitter=60.0, rear=0.6),
-    "fan": Rule(gap=(0.03, 0.12), jitter=30.0),
+    "fan": Rule(gap=(0.03, 0.12), jitter=30.0, stands_on=("side_table", "shelf", "worktop", "floor")),
     "radio": Rule((("shelf", "side_table"), ("worktop",)), jitter=12.0, rear=0.5),
     "coffee_machine": Rule(_KITCHEN_TOP, jitter=8.0, rear=0.7),
     "clock": Rule((("shelf", "side_table"), ("worktop",)), jitter=12.0, rear=0.4),

@@ -37,6 +37,10 @@ HOMES = [
     ("coffee_machine", "living_room"),
     ("telephone", "kitchen"),
     ("telephone", "living_room"),
+    ("dishwasher", "kitchen"),
+    ("kettle", "kitchen"),
+    ("radio", "living_room"),
+    *(("fan", room) for room in ROOMS),
 ]
 
 
