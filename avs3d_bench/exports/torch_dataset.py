@@ -38,8 +38,8 @@ observation.
 | `background`       | (2, 44100) float32: zeros where there is none; with ``stems=True``                   |
 
 In part_3 the direction, ``sounding_instance`` and ``category`` are those of the first source: where there is none, they
-are NaN, −1 (also for an off-screen source) and an empty text, and ``category_index`` is −1, as for a sound of no class (`OFF_SCREEN_CATEGORIES`). ``stems`` of the other
-parts hold the clip.
+are NaN, −1 (also for an off-screen source) and an empty text, and ``category_index`` is −1, as for a sound of no class
+(`OFF_SCREEN_CATEGORIES`). ``stems`` of the other parts hold the clip.
 
 With ``stack=k`` an item is k consecutive frames of one observation and every value gains a leading dimension (texts
 become lists of k, ``key``, ``category`` and ``group`` stay single).
