@@ -35,7 +35,7 @@ PARTS = ("part_1", "part_2", PART_3)
 #: What a category is called: a name of its own must fit this, too.
 CATEGORY_PATTERN = r"^[a-z][a-z0-9_]{0,63}$"
 #: Largest number of names that a message lists.
-_MOST_NAMED = 14
+_MOST_NAMED = 12
 #: Largest number of categories that a manifest adds: category masks have 8 bits, and 0 means nothing.
 MOST_OWN_CATEGORIES = 255 - len(CATEGORIES)
 
