@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 
 from avs3d_bench.contract.schema import Room
 from avs3d_bench.errors import Avs3dError, UsageError
-from generators.assets.sounds import enough, load_sound, recorded_seconds, stretches, stretches_in, synthesise
+from generators.assets.sounds import (
+    enough,
+    load_sound,
+    recorded_seconds,
+    stretches,
+    stretches_in,
+    synthesise,
+    usual_voices,
+)
 from generators.core.freespace import FreeSpace
 from generators.core.scene import Licence, Scene
 from generators.library import open_asset
@@ -139,7 +147,7 @@ def choose_signal(plan: ObservationPlan, category: str, nth: int = 1) -> SourceS
     stream = rules.signal_stream.format(category=category, nth=nth)
     entries = plan.sounds.get(category, ())
     if not entries:
-        names = plan.voices.get(category)
+        names = plan.voices.get(category) or usual_voices(category)
         voice = names[int(plan.own_rng(f"{stream}/voice").integers(len(names)))] if names else None
         return _synthesised(plan.seed, plan.own_key, stream, category, seconds, voice)
     if not rules.in_takes:

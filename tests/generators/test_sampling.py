@@ -25,7 +25,7 @@ from generators.sampling import sample as sample_module
 from generators.sampling.cli import manifest as command
 from generators.sampling.document import manifest_text
 from generators.sampling.excluded import Excluded, what_they_use
-from generators.sampling.rooms import MOST
+from generators.sampling.rooms import LOOK_ALIKES, MOST
 from generators.sampling.sample import MOST_INDEX, SEEDS, SampledGroup, Wanted, sample, shares
 from generators.sampling.siblings import GROUP, siblings
 from generators.sampling.statistics import sounding
@@ -290,7 +290,7 @@ def test_held_out_models_are_training_variants_that_no_excluded_manifest_draws(
     document, _ = sample(Wanted(homes=2, observations=4, seed=1, hold_out_models=True), Excluded({}, {}, used))
     assert document["models"]["clock"] == ["two"]
     assert document["models"]["toilet"] == ["one", "two"]
-    assert set(document["models"]) == {*CATEGORIES, *DISTRACTORS}
+    assert set(document["models"]) == {*CATEGORIES, *LOOK_ALIKES.values()}
     with pytest.raises(UsageError, match=r"no training variant of clock is left \(other uses all of them\)"):
         Excluded({}, {}, used | {("clock", "two"): "other"}).held_out_models()
 

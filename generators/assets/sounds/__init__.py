@@ -4,7 +4,7 @@ All sources have the same integrated loudness (ITU-R BS.1770-4) and a limited tr
 than another and, with the clips' fixed gain, none clips.
 """
 
-from generators.assets.sounds.library import SECOND_FLOOR_DB, find_voice, synthesise, voices
+from generators.assets.sounds.library import SECOND_FLOOR_DB, find_voice, synthesise, usual_voices, voices
 from generators.assets.sounds.loudness import CEILING_DB, TARGET_LUFS
 from generators.assets.sounds.recordings import load_sound, loop, recorded_seconds
 from generators.assets.sounds.stretches import enough, stretches, stretches_in
@@ -23,5 +23,6 @@ __all__ = [
     "stretches",
     "stretches_in",
     "synthesise",
+    "usual_voices",
     "voices",
 ]
