@@ -10,7 +10,7 @@ import json
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote
@@ -75,9 +75,26 @@ def asset_ids(root: Path, paths: Iterable[Path], name: str | None = None) -> dic
     }
 
 
+def nearby(folder: Path, entries: Sequence[AssetEntry]) -> dict[str, Path]:
+    """sha256 → file below ``folder`` that is the pinned one of an entry, under whatever name.
+
+    Raises:
+        UsageError: if there is no such folder.
+    """
+    if not folder.is_dir():
+        raise UsageError(f"--from {folder}: no such folder; name one that holds pinned files")
+    wanted = {entry.sha256 for entry in entries}
+    sizes = {entry.bytes for entry in entries}
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and path.stat().st_size in sizes and (digest := files.sha256_file(path)) in wanted:
+            found[digest] = path
+    return found
+
+
 @dataclass(frozen=True)
 class Told:
-    """The user's description of the files of a folder.
+    """The user's description of files whose source says nothing about them.
 
     Attributes:
         category: their category.
@@ -87,8 +104,8 @@ class Told:
     """
 
     category: str
-    licence: str
-    author: str
+    licence: str = ""
+    author: str = ""
     url: str = ""
 
 

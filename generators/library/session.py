@@ -17,11 +17,8 @@ from avs3d_bench.formats import files
 from generators.library.download import Delivered
 from generators.library.http import FetchLimits, Say
 from generators.library.licences import check_licence
-from generators.library.lock import AssetEntry, Kind, Source
+from generators.library.lock import SHORTEST, AssetEntry, Kind, Source, Split
 from generators.library.store import Store
-
-#: A recording shorter than this cannot be looped (see generators/assets/sounds.py), seconds.
-SHORTEST = 0.5
 
 
 @dataclass(frozen=True)
@@ -72,6 +69,8 @@ class Offer:
     author: str
     licence: str
     file: str
+    trim: tuple[float, float] | None = None
+    split: Split | None = None
 
     def entry(self, sha256: str, size: int, stance: Stance = Stance()) -> AssetEntry:  # frozen
         """The entry that pins the bytes.
@@ -83,7 +82,7 @@ class Offer:
             "id": self.id, "kind": self.kind, "category": check_category_name(self.category),
             "source": self.source, "ref": self.ref, "url": self.url, "title": _line(self.title) or self.ref,
             "author": _line(self.author) or "unknown", "licence": _line(self.licence) or "unknown",
-            "file": self.file, "sha256": sha256, "bytes": size,
+            "file": self.file, "sha256": sha256, "bytes": size, "trim": self.trim, "split": self.split,
         }  # fmt: skip
         if self.kind == "object":
             fields |= {
