@@ -16,7 +16,7 @@ from avs3d_bench.validation.findings import Findings, read
 
 #: A channel whose RMS is below this is silent (−120 dB of full scale).
 SILENCE = 1e-6
-#: Sound that reaches full scale counts as clipped; above the ceiling, −1 dBFS, what encodes or resamples it may clip it.
+#: Sound that reaches full scale counts as clipped; above −1 dBFS, what encodes or resamples it may clip it.
 FULL_SCALE, CEILING = 1.0, 10 ** (-1 / 20)
 #: Levels in observation.json: relative, and absolute for 16-bit files.
 RMS_TOLERANCE = (1e-3, 2e-5)
