@@ -19,6 +19,8 @@ _SHORTEST = 0.5
 _CROSS_FADE = 0.5
 #: Longest stretch of a recording that is read at once to be looped (s).
 LONGEST_LOOP = 900
+#: Frames that `survey` holds at a time, and the magnitude from which a sample is at the end of the scale.
+_BLOCK, _END_OF_SCALE = 1 << 20, 0.999
 #: A recording below this loudness counts as silent (LUFS).
 _SILENCE = -60.0
 
@@ -83,6 +85,41 @@ def recorded_seconds(path: Path | str, trim: Span | None = None) -> float:
     """
     used = _used(Path(path), trim)
     return used.frames / used.rate
+
+
+@dataclass(frozen=True)
+class SoundSurvey:
+    """What a look at all samples of a recording tells.
+
+    Attributes:
+        seconds: length.
+        sample_rate: Hz.
+        peak: largest magnitude of a sample of the mean of all channels, full scale 1; NaN if one is not finite.
+        clipped: share of the samples that lie in runs of three or more at the ends of the scale.
+    """
+
+    seconds: float
+    sample_rate: int
+    peak: float
+    clipped: float
+
+
+def survey(path: Path) -> SoundSurvey:
+    """Look at every sample of a recording, a block at a time: memory does not grow with its length.
+
+    Raises:
+        soundfile.SoundFileError: if it cannot be decoded.
+    """
+    peak, flat, count = 0.0, 0, 0
+    with soundfile.SoundFile(path) as handle:
+        rate = int(handle.samplerate)
+        for block in handle.blocks(blocksize=_BLOCK, dtype="float32", always_2d=True):
+            peak = float(np.maximum(peak, np.abs(block.mean(axis=1)).max(initial=0.0)))  # NaN stays
+            ends = np.abs(block) >= _END_OF_SCALE
+            runs = ends[2:] & ends[1:-1] & ends[:-2]
+            flat += int((np.pad(runs, ((2, 0), (0, 0))) | np.pad(runs, ((0, 2), (0, 0)))).any(axis=1).sum())
+            count += len(block)
+    return SoundSurvey(count / rate, rate, peak, flat / max(count, 1))
 
 
 @dataclass(frozen=True)
