@@ -19,6 +19,7 @@ from benchmarks.recorded_manifests import SOURCES, recorded
 from generators.assets.sounds import find_voice, load_sound, recorded_seconds, survey
 from generators.library import AssetEntry, read_lock, update_lock
 from generators.library.cli import assets
+from generators.library.recorded import recorded_voices
 from generators.library.references import asset_digests
 from generators.library.store import Store
 from generators.manifest.reading import read_manifest
@@ -209,6 +210,20 @@ def test_only_what_is_inside_the_trim_is_heard(tmp_path: Path) -> None:
     np.testing.assert_array_equal(file.signal(6).samples, source)
     with pytest.raises(Avs3dError, match=r"lasts 4\.00 s, but its trim ends at 5 s; correct the trim"):
         load_sound(path, 2, trim=(1.0, 5.0))
+
+
+def test_recordings_are_voices(folder: Path, tmp_path: Path) -> None:
+    lock = tmp_path / "assets.lock.yaml"
+    run("import", "folder", folder, "--index", tmp_path / "index.csv", "--lock", lock)
+    (voice,) = recorded_voices(lock, "clock")
+    assert (voice.name, voice.split, voice.kind) == ("folder/mine/a/tick", "test", "recorded")
+    assert "by Bo, CC-BY-SA-4.0" in voice.source
+    first, again, other = (voice.play(3 * SR, np.random.default_rng(seed)) for seed in (1, 1, 2))
+    assert (first.shape, first.dtype) == ((3 * SR,), np.float64)
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
+    assert [one.name for one in recorded_voices(lock, "microwave")] == ["folder/mine/hum"]
+    assert recorded_voices(lock, "toilet") == ()
 
 
 def test_committed_manifests_play_recordings_of_their_own_split() -> None:
