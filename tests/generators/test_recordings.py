@@ -181,7 +181,8 @@ def test_what_was_said_of_the_same_bytes_is_kept(tmp_path: Path) -> None:
 
 def test_a_trim_changes_what_is_heard_and_a_split_does_not(tmp_path: Path) -> None:
     digests = []
-    for number, more in enumerate(({}, {"split": "test"}, {"trim": (0, 1)})):
+    cases: list[dict[str, object]] = [{}, {"split": "test"}, {"trim": (0, 1)}]
+    for number, more in enumerate(cases):
         lock = tmp_path / str(number) / "assets.lock.yaml"
         update_lock(lock, [entry_of(**more)])
         digests.append(asset_digests(lock, ["folder/mine/tick"]))
@@ -219,7 +220,8 @@ def test_recordings_are_voices(folder: Path, tmp_path: Path) -> None:
     assert (voice.name, voice.split, voice.kind) == ("folder/mine/a/tick", "test", "recorded")
     assert "by Bo, CC-BY-SA-4.0" in voice.source
     first, again, other = (voice.play(3 * SR, np.random.default_rng(seed)) for seed in (1, 1, 2))
-    assert (first.shape, first.dtype) == ((3 * SR,), np.float64)
+    assert first.shape == (3 * SR,)
+    assert first.dtype == np.float64
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
     assert [one.name for one in recorded_voices(lock, "microwave")] == ["folder/mine/hum"]
