@@ -205,7 +205,9 @@ def test_a_tone_whose_levels_are_on_the_wrong_side_by_chance_is_no_error():
         return found
 
     tone, noise = heard_as(0.2 * np.sin(2 * np.pi * 440 * t)), heard_as(0.1 * rng.standard_normal(RATE))
-    fits = [SideFit.of([one.level for one in each if one.level], np.sin(np.radians(azimuths))) for each in (tone, noise)]
+    fits = [
+        SideFit.of([one.level for one in each if one.level], np.sin(np.radians(azimuths))) for each in (tone, noise)
+    ]
     assert -TONAL_SURE < fits[0].certainty < -SURE
     assert fits[1].certainty < -SURE
     assert said(tone) == []
