@@ -1,7 +1,7 @@
 """Write the manifests that have recordings in place of synthesised sounds, each from the manifest of its name.
 
 ``python -m benchmarks.recorded_manifests`` writes ``NAME-recorded.yaml`` beside each of `SOURCES`: the same lines, but
-for the name, and with ``sounds`` and ``voices``. A category sounds by the recordings in the lock file that are for
+for the name and what the notes say of sounds, and with ``sounds`` and ``voices``. A category sounds by the recordings in the lock file that are for
 tests; one that has none there, by its voices for tests.
 """
 
@@ -50,6 +50,7 @@ def recorded(text: str, lock: Lock) -> str:
     name = document["name"]
     body = re.sub(r"(?m)^(voices|sounds):.*\n(?:[ \t]+.*\n)*", "", re.sub(r"\A(#.*\n)+", "", text))
     body = re.sub(r"(?m)^name:.*$", f"name: {name}-recorded", body)
+    body = body.replace("synthesised sounds", "recorded and synthesised sounds")
     head, observations = re.split(r"(?m)^(?=observations:)", body)
     lines = ["sounds:"]
     for category in sorted(sounds):
