@@ -1,8 +1,8 @@
 """Write the manifests that have recordings in place of synthesised sounds, each from the manifest of its name.
 
 ``python -m benchmarks.recorded_manifests`` writes ``NAME-recorded.yaml`` beside each of `SOURCES`: the same lines, but
-for the name and what the notes say of sounds, and with ``sounds`` and ``voices``. A category sounds by the recordings in the lock file that are for
-tests; one that has none there, by its voices for tests.
+for the name and what the notes say of sounds, and with ``sounds`` and ``voices``. A category sounds by the recordings in
+the lock file that are for tests; one that has none there, by its voices for tests.
 """
 
 from __future__ import annotations
