@@ -1,7 +1,7 @@
 """Write the manifests that have recordings in place of synthesised sounds, each from the manifest of its name.
 
 ``python -m benchmarks.recorded_manifests`` writes ``NAME-recorded.yaml`` beside each of `SOURCES`: the same lines, but
-for the name and what the notes say of sounds, and with ``sounds`` and ``voices``. A category sounds by the recordings in
+for the name, the notes on sounds, and with ``sounds`` and ``voices``. A category sounds by the recordings in
 the lock file that are for tests; one that has none there, by its voices for tests.
 """
 
