@@ -99,19 +99,23 @@ def listen_summary(
     Returns:
         None if none of the observations was scored under ``listen``.
     """
-    scored = [(one.group or one.key, one.key, one.listen) for one in observations if one.listen]
+    scored = [(one.group or one.key, one, one.listen) for one in observations if one.listen]
     if not scored:
         return None
+    homes = {group: row.scan for group, row, _ in scored}
     # Figure → group → its values: one per observation, or one for the group's pairs.
     values: dict[str, dict[str, list[float]]] = {metric.name: {} for metric in metrics_of("listen")}
     for group, _, listen in scored:
         for name in values.keys() - {*PAIR_FIGURES}:
             if (value := getattr(listen, name)) is not None:
                 values[name].setdefault(group, []).append(float(value))
-    keys, groups_ = [key for _, key, _ in scored], tuple(siblings)
+    keys, known = [row.key for _, row, _ in scored], tuple(siblings)
     for name in PAIR_FIGURES:
-        values[name] = {group: [value] for group, value in group_accuracies(groups_, keys, name).items()}
-    found = {name: clustered_interval(list(groups.values())) for name, groups in values.items()} if intervals else {}
+        values[name] = {group: [value] for group, value in group_accuracies(known, keys, name).items()}
+    found = {
+        name: clustered_interval(list(groups.values()), homes=[homes[group] for group in groups])
+        for name, groups in (values.items() if intervals else ())
+    }
     why = {name: _reason(name, [listen for _, _, listen in scored]) for name in sorted(values) if not values[name]}
     return ListenSummary.model_validate(
         {name: mean(value for some in groups.values() for value in some) for name, groups in values.items()}
