@@ -9,6 +9,7 @@ from avs3d_bench.commands.report import screen
 from avs3d_bench.contract.scores import ALL_REFERENCES, METRICS, GroupScores, Metric, Scores
 from evaluators.protocols.strict import unseen_note
 from evaluators.reading.archive import printable
+from evaluators.statistics.bootstrap import homes_note
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -25,6 +26,10 @@ _HEADINGS = {
     "IoU_3D": "3D\nIoU",
     "centroid_error": "centr.\nerr. m",
     "pair_accuracy": "pair\nacc.",
+    "category": "cate-\ngory",
+    "off_screen": "off-\nscr.",
+    "silence": "si-\nlence",
+    "several": "sev-\neral",
     "class_mIoU": "class\nmIoU",
 }
 
@@ -60,7 +65,7 @@ def _interval(group: GroupScores, metric: Metric) -> str:
 def print_scores(scores: Scores, console: Console | None = None) -> None:
     """Print the means per part, category and room, the reference rows, and the figures that are unavailable.
 
-    The intervals (95 %, bootstrap over observations) are printed below the means of the parts.
+    The intervals (95 %, bootstrap over homes and observations) are printed below the means of the parts.
     """
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
@@ -127,6 +132,10 @@ def _print_notes(scores: Scores, out: Console) -> None:
     unseen = unseen_note(scores)
     if unseen:
         out.print(Text(f"warning: {unseen}"), soft_wrap=True)
+    if any(getattr(scores.overall, name).intervals for name in scores.avs3d_eval.protocols):
+        note = homes_note([row.scan for row in scores.observations])
+        if note:
+            out.print(Text(note, style="dim"), soft_wrap=True)
     for metric in METRICS:
         reasons = getattr(getattr(scores.overall, metric.protocol), "unavailable", {})
         if metric.name in reasons:

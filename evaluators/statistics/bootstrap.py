@@ -13,7 +13,7 @@ and skewness (`difference_interval`: BCa, Efron 1987).
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -86,6 +86,18 @@ def interval(
         [[value] for value in values],
         homes=homes, resamples=resamples, seed=seed, confidence=confidence, fewest=fewest,
     )  # fmt: skip
+
+
+def homes_note(homes: Collection[str]) -> str | None:
+    """What the number of homes means for intervals, in one line; None where there are enough.
+
+    Args:
+        homes: of the observations.
+    """
+    count = len({*homes})
+    if count == 1:
+        return "one home: the intervals resample what is in it, and say nothing of other homes"
+    return f"{count} homes, fewer than {FEW_HOMES}: the intervals are too narrow" if 1 < count < FEW_HOMES else None
 
 
 def column_intervals(
