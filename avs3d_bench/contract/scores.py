@@ -249,7 +249,8 @@ class OfficialSummary(OfficialScore):
     """Unweighted means over observations."""
 
     intervals: dict[str, Interval] = Field(
-        default_factory=dict, description="95 % bootstrap interval over homes and observations, from six observations on"
+        default_factory=dict,
+        description="95 % bootstrap interval over homes, then observations; from six of these on",
     )
 
 
@@ -257,7 +258,8 @@ class StrictSummary(StrictScore):
     """Unweighted means over the observations for which the figure is not null."""
 
     intervals: dict[str, Interval] = Field(
-        default_factory=dict, description="95 % bootstrap interval over homes and observations, from six observations on"
+        default_factory=dict,
+        description="95 % bootstrap interval over homes, then observations; from six of these on",
     )
     counts: dict[str, Count] = Field(description="figure → number of observations in its mean")
     unavailable: dict[str, str] = Field(default_factory=dict, description="figure that is null → reason")
@@ -267,7 +269,8 @@ class ListenSummary(ListenScore):
     """Unweighted means over the observations for which the figure is not null; pair accuracies over groups."""
 
     intervals: dict[str, Interval] = Field(
-        default_factory=dict, description="95 % bootstrap interval over homes and groups of siblings, from six groups on"
+        default_factory=dict,
+        description="95 % bootstrap interval over homes, then groups; from six groups on",
     )
     counts: dict[str, Count] = Field(
         description="figure → number of observations in its mean; of a pair accuracy, number of groups"

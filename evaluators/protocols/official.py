@@ -32,7 +32,7 @@ def official_summary(observations: Sequence[ObservationScores], *, intervals: bo
     if not scored:
         return None
     columns = {m.name: [float(getattr(one, m.name)) for one, _ in scored] for m in metrics_of("official")}
-    homes = dict.fromkeys(columns, [home for _, home in scored])
+    homes = {name: [home for _, home in scored] for name in columns}
     return OfficialSummary.model_validate(
         {name: mean(values) for name, values in columns.items()}
         | {"intervals": column_intervals(columns, homes) if intervals else {}}

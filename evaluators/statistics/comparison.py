@@ -88,9 +88,7 @@ def values_of(scores: Scores, metric: Metric, part: str) -> Values:
         return Values(found, {name: name for name in found}, homes)
     known = [(one, value) for one in chosen if (value := figure_of(one, metric)) is not None]
     units = {one.key: (one.group or one.key) if metric.protocol == "listen" else one.key for one, _ in known}
-    return Values(
-        {one.key: value for one, value in known}, units, {units[one.key]: one.scan for one, _ in known}
-    )
+    return Values({one.key: value for one, value in known}, units, {units[one.key]: one.scan for one, _ in known})
 
 
 @dataclass(frozen=True)

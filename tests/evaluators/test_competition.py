@@ -215,8 +215,8 @@ def test_participants_get_no_truth_and_the_platform_no_pictures(trees: tuple[Pat
 
 
 def test_columns_are_unique_short_and_ranked_by_the_main_figure() -> None:
-    for parts, first in (({"part_1"}, "strict_IoU"), ({"part_3"}, "listen_pair_accuracy"),
-                         ({"part_2", "part_3"}, "listen_pair_accuracy")):  # fmt: skip
+    for parts, first in (({"part_1"}, "strict_IoU"), ({"part_3"}, "listen_twins"),
+                         ({"part_2", "part_3"}, "listen_twins")):  # fmt: skip
         columns = columns_of(tuple(task_protocols(parts)))
         assert columns[0].key == first
         assert [column.key for column in columns[1:3]] == [f"{first}_low", f"{first}_high"]
