@@ -181,13 +181,8 @@ def observation_figure(observation: ObservationScores, metric: Metric) -> float 
 def headline(known: Iterable[Metric]) -> Metric | None:
     """The main figure: the pair accuracy over twins where there are some, else over all, strict IoU, released mIoU."""
     by_name = {(metric.protocol, metric.name): metric for metric in known}
-    order = (
-        ("listen", "twins"),
-        ("listen", "pair_accuracy"),
-        ("listen", "IoU"),
-        ("strict", "IoU"),
-        ("official", "mIoU"),
-    )
+    listen = [("listen", name) for name in ("twins", "pair_accuracy", "IoU")]
+    order = (*listen, ("strict", "IoU"), ("official", "mIoU"))
     return next((by_name[each] for each in order if each in by_name), None)
 
 

@@ -25,7 +25,7 @@ COLUMNS: tuple[Metric, ...] = tuple(
     if (metric.protocol, metric.name)
     in {
         ("official", "mIoU"), ("official", "F"), ("strict", "IoU"), ("strict", "F"), ("strict", "wrong_instance_rate"),
-        *(("listen", name) for name in PAIR_FIGURES), ("listen", "IoU"), ("listen", "FP_rate"), ("listen", "class_mIoU"),
+        *(("listen", name) for name in (*PAIR_FIGURES, "IoU", "FP_rate", "class_mIoU")),
     }
 )  # fmt: skip
 

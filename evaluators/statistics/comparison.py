@@ -1,8 +1,8 @@
 """Paired comparison of methods: differences over common observations, with intervals, p-values and shared places.
 
 The values of one figure are paired by observation (pair accuracies: by group of siblings). Under ``listen`` whole
-groups are resampled and change sign, as siblings share their pictures; intervals resample homes first. docs/comparing.md
-has formulas and examples.
+groups are resampled and change sign, as siblings share their pictures; intervals resample homes first.
+docs/comparing.md has formulas and examples.
 """
 
 from __future__ import annotations

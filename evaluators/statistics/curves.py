@@ -2,8 +2,8 @@
 
 A bin's figure is computed as that of a whole dataset, from the frames of the bin alone: a mean over observations of
 means over frames, for the pair accuracy a mean over groups of shares of pairs. So a single bin with all frames has the
-figure of the file of scores. Intervals resample homes, then observations (under ``listen``, groups); docs/factors.md has
-the definition with a worked example.
+figure of the file of scores. Intervals resample homes, then observations (under ``listen``, groups); docs/factors.md
+has the definition with a worked example.
 """
 
 from __future__ import annotations

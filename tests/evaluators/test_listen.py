@@ -320,7 +320,8 @@ def test_the_truth_is_perfect(data: Path, tmp_path: Path):
         assert group.listen.class_mIoU in (1, None)
     assert scores.overall.listen is not None
     assert scores.overall.listen.counts == {
-        "twins": 1, "pair_accuracy": 1, "category": 0, "off_screen": 1, "silence": 1, "several": 1, "IoU": 3, "FP_rate": 5, "FP_area": 5, "class_mIoU": 3,
+        "twins": 1, "pair_accuracy": 1, "category": 0, "off_screen": 1, "silence": 1, "several": 1,
+        "IoU": 3, "FP_rate": 5, "FP_area": 5, "class_mIoU": 3,
     }  # fmt: skip
     assert scores.overall.listen.groups == 1
     assert of(scores, SILENT).unavailable == {
