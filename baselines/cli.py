@@ -168,6 +168,29 @@ def oracle(
     _done(write_deaf(Dataset(root), path, deaf, **common))
 
 
+@baseline.command(short_help="Rules of place with true masks, and their scores by kind of pair.")
+@_common
+@click.option("--workers", type=WORKERS, default=None, help="Processes [one per core].")
+def references(root: Path, path: Path, only: tuple[str, ...], overwrite: bool, workers: int | None) -> None:
+    """Write the reference rows of part_3 as submissions below the folder, score them, and print one table.
+
+    All have true masks and know which categories are heard, so that only the place is left: category marks all
+    instances, level follows the loudness over the walk, ild the louder ear, gcc-phat the interaural delay. This USES
+    THE GROUND TRUTH OF TEST FRAMES: the scores are bounds of what place is worth, not results.
+    """
+    from avs3d_bench.dataset import Dataset
+    from baselines.reference_scores import print_table, score_all
+    from baselines.references import write_references
+
+    options: dict[str, Any] = {
+        "only": only, "overwrite": overwrite, "workers": workers, "progress": sys.stderr.isatty(),
+    }  # fmt: skip
+    written = write_references(Dataset(root), path, **options)
+    for writer in written.values():
+        _done(writer)
+    print_table(score_all(path, written, root, only=only, workers=workers))
+
+
 def _owod_bind_options(command: _F) -> _F:
     """Which networks, and where their checkpoints lie; the command gets them as one, ``networks``."""
 

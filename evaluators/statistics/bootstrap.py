@@ -169,8 +169,8 @@ def difference_interval(
     """The interval of a mean of paired differences: homes are resampled, then clusters of differences as a whole.
 
     From ``bca_fewest`` homes on (clusters, with one home) its ends are the BCa percentiles of the resampled means: with
-    z₀ = Φ⁻¹(share of means below the observed one, ties half) and a = Σuᵢ³ / (6·(Σuᵢ²)^1.5), u the distances of the means
-    without one home (cluster) from their mean, the end of the normal quantile z is the percentile
+    z₀ = Φ⁻¹(share of means below the observed one, ties half), a = Σuᵢ³ / (6·(Σuᵢ²)^1.5) and u the distances of the
+    means without one home (cluster) from their mean, the end of the normal quantile z is the percentile
     Φ(z₀ + (z₀ + z) / (1 − a·(z₀ + z))) (Efron 1987). Fewer, but at least `FEWEST` clusters: the percentiles themselves,
     as in `clustered_interval`.
 
