@@ -64,7 +64,7 @@ def print_table(found: Mapping[str, Scores]) -> None:
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     table.add_column("reference", no_wrap=True)
     for metric in metrics:
-        table.add_column(metric.title.replace(" ", "\n"), justify="right", no_wrap=True)
+        table.add_column(metric.title.replace(" ", "\n").replace("-", "-\n"), justify="right", no_wrap=True)
     for name, scores in found.items():
         table.add_row(name, *(_text(scores, metric) for metric in metrics))
     screen().print(table)

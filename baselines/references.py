@@ -148,8 +148,8 @@ def _prediction(frame: Frame, score: Score) -> Prediction:
 def level_score(observation: Observation) -> Score:
     """The monaural rule: correlation of level (dB) and −20·log₁₀(distance) over the frames with the category.
 
-    A free field has this law; reverberation flattens it, which leaves a correlation as it is. The choice is one for the whole
-    walk: a source that takes turns with its twin is beyond it.
+    A free field has this law; reverberation flattens it, which leaves a correlation as it is. The choice
+    is one for the whole walk: a source that takes turns with its twin is beyond it.
     """
     record = observation.record
     assert record is not None, "checked by check_truth"

@@ -17,7 +17,7 @@ from typing import Any
 
 import click
 
-from avs3d_bench.contract.scores import GroupScores, Scores
+from avs3d_bench.contract.scores import PAIR_KINDS, GroupScores, Scores
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.files import read_json, write_bytes
 from avs3d_bench.formats.media import read_record
@@ -87,8 +87,9 @@ class Results:
             "category, one": ("which categories are audible", "one instance at random of each"),
             "category, all": ("which categories are audible", "all their instances"),
         }
-        rows = [[*said, share(found[n]["pair_accuracy"]), share(found[n]["twins"])] for n, said in known.items()]
-        return text(["known from the sound", "marked", "pair_accuracy", "in pairs of twins"], rows)
+        figures = ("twins", "pair_accuracy", *PAIR_KINDS[1:])
+        rows = [[*said, *(share(found[n].get(name)) for name in figures)] for n, said in known.items()]
+        return text(["known from the sound", "marked", *figures], rows)
 
     def paper_methods(self) -> str:
         """Table 2 of the paper, beside our figures."""
