@@ -29,10 +29,10 @@ from benchmarks.listener_summary import (
     SUMMARY_ROWS,
     Pair,
     looks_text,
-    twin_accuracy,
     settings_lines,
     summary,
     table,
+    twin_accuracy,
     twin_pairs,
 )
 from benchmarks.listener_tables import ROWS, RUN_JSON, labelled
