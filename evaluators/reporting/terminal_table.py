@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from avs3d_bench.commands.report import screen
-from avs3d_bench.contract.scores import ALL_REFERENCES, METRICS, GroupScores, Metric, Scores
+from avs3d_bench.contract.scores import ALL_REFERENCES, METRICS, PAIR_KINDS, GroupScores, Metric, Scores
 from evaluators.protocols.strict import unseen_note
 from evaluators.reading.archive import printable
 from evaluators.statistics.bootstrap import homes_note
@@ -126,6 +126,11 @@ def _print_notes(scores: Scores, out: Console) -> None:
             out.print(Text(f"  {name.removeprefix('deaf_').replace('_', ' ')}: {masks}", style="dim"))
         if "deaf_category" in scores.references:
             out.print(Text("in part_1 nothing else could sound, so that they are the truth", style="dim"))
+    if scores.overall.listen is not None and any(
+        getattr(scores.overall.listen, kind) is not None for kind in PAIR_KINDS
+    ):
+        names = ", ".join(kind.replace("_", "-") for kind in PAIR_KINDS)
+        out.print(Text(f"{names}: pair accuracy by kind of pair", style="dim"))
     part = scores.dataset
     if part.scored < part.observations:
         out.print(Text(f"{part.scored} of {part.observations} observations were asked for: no score of the benchmark"))
