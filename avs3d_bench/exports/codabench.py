@@ -128,7 +128,7 @@ class Written:
     size: int
 
 
-def _has_twins(truth: Dataset, keys: Sequence[str]) -> bool:
+def has_twins(truth: Dataset, keys: Sequence[str]) -> bool:
     """Whether some pair of siblings among the observations is one of twins; then twins rank."""
     groups: dict[str, list[ObservationRecord]] = {}
     for one in (truth[key] for key in keys):
@@ -161,7 +161,7 @@ def write_codabench(
     check_truth(data, truth)
     phases = _phases(data, truth, settings)
     protocols = task_protocols({key.split("/")[0] for phase in phases for key in phase.observations})
-    twins = all(_has_twins(truth, phase.observations) for phase in phases)
+    twins = all(has_twins(truth, phase.observations) for phase in phases)
     columns = columns_of(tuple(protocols), MAIN_FIGURES if twins else MAIN_WITHOUT_TWINS)
     facts = _facts(data, phases, columns, settings)
     with atomic_path(output) as temporary:

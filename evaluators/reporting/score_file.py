@@ -194,7 +194,7 @@ def _group_faults(where: str, group: GroupScores, found: GroupScores) -> Iterato
                 yield f"{where}.{protocol}.intervals.{metric.name}: {list(interval)} is no interval of {_text(true)}"
         for name in ("counts", "groups"):
             value, true = getattr(mine, name, None), getattr(expected, name, None)
-            if value is not None and name == "counts":
+            if value is not None and true is not None and name == "counts":
                 value = dict.fromkeys(true, 0) | value  # a figure that a file of an older version lacks has no value
             if value != true:
                 yield f"{where}.{protocol}.{name}: {getattr(mine, name)}, but the observations give {true}"

@@ -84,7 +84,7 @@ def values_of(scores: Scores, metric: Metric, part: str) -> Values:
         names = {one.group: " ".join(sorted(one.observations)) for one in scores.siblings or ()}
         accuracies = group_accuracies(scores.siblings or (), [one.key for one in chosen], metric.name)
         found = {names[group]: value for group, value in accuracies.items()}
-        homes = {names[one.group]: one.scan for one in chosen if one.group in accuracies}
+        homes = {names[one.group]: one.scan for one in chosen if one.group is not None and one.group in accuracies}
         return Values(found, {name: name for name in found}, homes)
     known = [(one, value) for one in chosen if (value := figure_of(one, metric)) is not None]
     units = {one.key: (one.group or one.key) if metric.protocol == "listen" else one.key for one, _ in known}
