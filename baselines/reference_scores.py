@@ -60,7 +60,7 @@ def print_table(found: Mapping[str, Scores]) -> None:
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
-    metrics = [metric for metric in metrics_of("listen") if metric.name in (*PAIR_FIGURES, "IoU")]
+    metrics = _metrics()
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     table.add_column("reference", no_wrap=True)
     for metric in metrics:
@@ -68,6 +68,20 @@ def print_table(found: Mapping[str, Scores]) -> None:
     for name, scores in found.items():
         table.add_row(name, *(_text(scores, metric) for metric in metrics))
     screen().print(table)
+
+
+def summary(found: Mapping[str, Scores]) -> dict[str, object]:
+    """The same for a file: dataset, number of observations, and the figures of each submission."""
+    data = next(iter(found.values())).dataset
+    rows = {
+        name: {metric.name: getattr(scores.overall.listen, metric.name, None) for metric in _metrics()}
+        for name, scores in found.items()
+    }
+    return {"dataset": data.name, "version": data.version, "scored": data.scored, "references": rows}
+
+
+def _metrics() -> list[Metric]:
+    return [metric for metric in metrics_of("listen") if metric.name in (*PAIR_FIGURES, "IoU")]
 
 
 def _text(scores: Scores, metric: Metric) -> str:

@@ -21,6 +21,7 @@ from avs3d_bench.contract.scores import PAIR_KINDS, GroupScores, Scores
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.files import read_json, write_bytes
 from avs3d_bench.formats.media import read_record
+from baselines.references import REFERENCES
 from benchmarks import comparison_power, home_coverage, listener_page, receivers
 from benchmarks.listener_summary import summary, table
 from benchmarks.run import TARGETS
@@ -94,11 +95,8 @@ class Results:
     def references(self) -> str:
         """The reference rows of place under ``listen``."""
         names = ("twins", "pair_accuracy", *PAIR_KINDS[1:], "IoU")
-        rows = [
-            [name, *figures(self.scores(f"listen-reference-{name}").overall, "listen", *names)]
-            for name in ("category", "level", "ild", "gcc-phat")
-        ]
-        return text(["row", *names], rows)
+        found = self.json("listen-references")["references"]
+        return text(["row", *names], [[row, *(share(found[row][name]) for name in names)] for row in REFERENCES])
 
     def paper_methods(self) -> str:
         """Table 2 of the paper, beside our figures."""

@@ -10,7 +10,7 @@ import hashlib
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from avs3d_bench.contract import layout
 from avs3d_bench.contract.schema import parse_record
 from avs3d_bench.contract.scores import (
     PAIR_FIGURES,
+    PAIR_KINDS,
     PROTOCOL_PARTS,
     GroupScores,
     ListenObservation,
@@ -40,6 +41,10 @@ MAX_SCORES_BYTES = 64 * 2**20
 #: Largest difference of a mean from that of the file's own observations: values are kept to nine digits.
 _ROUNDING = 1e-8
 _NAMED = 100
+#: Field that tells a record → its fields that came with `listen` 1.1.
+_ADDED: Mapping[str, Collection[str]] = {
+    "bootstrap_seed": ("bootstrap_unit",), "right": ("kind",), "pair_accuracy": PAIR_KINDS,
+}  # fmt: skip
 _SCORE_AGAIN = "score the submission again"
 
 
@@ -76,9 +81,22 @@ def read_scores(path: Path, *, check: bool = True) -> Scores:
 
 
 def contents_digest(scores: Scores) -> str:
-    """Hexadecimal sha256 of the contents of a file of scores: the order of keys and the report's place do not count."""
-    contents = json.dumps(scores.model_dump(mode="json", exclude={"report"}), sort_keys=True)
-    return hashlib.sha256(contents.encode()).hexdigest()
+    """Hexadecimal sha256 of the contents of a file of scores: the order of keys and the report's place do not count.
+
+    Nor do fields without a value that earlier versions did not have: a file keeps its digest.
+    """
+    contents = _without_added(scores.model_dump(mode="json", exclude={"report"}))
+    return hashlib.sha256(json.dumps(contents, sort_keys=True).encode()).hexdigest()
+
+
+def _without_added(value: Any) -> Any:
+    """A JSON document without the null fields that came with `listen` 1.1: unit of intervals, kinds of pairs."""
+    if isinstance(value, list):
+        return [_without_added(inner) for inner in value]
+    if not isinstance(value, dict):
+        return value
+    added = {name for mark, names in _ADDED.items() if mark in value for name in names}
+    return {name: _without_added(inner) for name, inner in value.items() if not (inner is None and name in added)}
 
 
 def read_verification(path: Path) -> VerificationRecord:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench.contract import layout
 from avs3d_bench.contract.layout import SAMPLE_RATE
-from avs3d_bench.contract.scores import PAIR_KINDS
+from avs3d_bench.contract.scores import PAIR_FIGURES, PAIR_KINDS
 from avs3d_bench.dataset import Dataset, Frame
 from avs3d_bench.errors import UsageError
 from avs3d_bench.formats import media
@@ -166,7 +166,7 @@ def test_the_category_row_is_the_oracle(data: Path):
 
 
 def test_one_command_writes_scores_and_prints_all(data: Path, tmp_path: Path):
-    options = ["--dataset", str(data), "-o", str(tmp_path / "r"), "--workers", "1"]
+    options = ["--dataset", str(data), "-o", str(tmp_path / "r"), "--workers", "1", "--json", str(tmp_path / "t.json")]
     done = CliRunner().invoke(baseline, ["references", *options], catch_exceptions=False)
     assert done.exit_code == 0, done.output
     lines = [line.split() for line in done.output.splitlines()]
@@ -178,6 +178,9 @@ def test_one_command_writes_scores_and_prints_all(data: Path, tmp_path: Path):
         scores = media.read_json(tmp_path / "r" / f"{name}.json")
         assert {*PAIR_KINDS} <= scores["overall"]["listen"].keys()
         assert scores["submission"]["truth"], "a leaderboard gives it no rank"
+        table = media.read_json(tmp_path / "t.json")["references"]
+        assert table[name] == {one: scores["overall"]["listen"][one] for one in table[name]}
+        assert {*PAIR_FIGURES, "IoU"} == table[name].keys()
 
 
 def test_other_parts_have_no_references(tmp_path: Path):
