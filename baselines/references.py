@@ -39,7 +39,7 @@ from avs3d_bench.errors import UsageError
 from avs3d_bench.method import Method, write_submission
 from avs3d_bench.submission import Prediction, SubmissionWriter
 from baselines.echosegnet.binaural import WINDOW, lateral_angle, spectrogram, woodworth_itd
-from baselines.oracle import check_truth, oracle_prediction, paint
+from baselines.oracle import oracle_prediction, paint
 
 Array = NDArray[np.float64]
 #: How well each candidate fits what is heard in a frame, higher is better.
@@ -86,7 +86,11 @@ def write_references(
     if not any(observation.is_part_3 for observation in chosen):
         raise UsageError(f"{dataset.root}: no observation of part_3; expected some: the references compare siblings")
     for observation in chosen:
-        check_truth(observation, instance="category")
+        if observation.record is None or not (observation.path / layout.INSTANCE_MASKS).is_dir():
+            raise UsageError(
+                f"{observation.path}: the references need {layout.OBSERVATION_JSON} and {layout.INSTANCE_MASKS}/; "
+                "expected a dataset with its truth (a sealed test does not publish it)"
+            )
     written = {}
     for name, what in REFERENCES.items():
         method = Method(
@@ -128,7 +132,7 @@ def reference_masks(name: str, frames: Sequence[Frame]) -> Iterator[Prediction]:
 
 def _prediction(frame: Frame, score: Score) -> Prediction:
     observation, record, entry = frame.observation, frame.observation.record, frame.record
-    assert record is not None, "checked by check_truth"
+    assert record is not None, "checked by write_references"
     assert entry is not None, "it comes with the record"
     heard = Counter(source.category for source in record.audible_sources(entry))
     chosen: list[InstanceRecord] = []
@@ -152,7 +156,7 @@ def level_score(observation: Observation) -> Score:
     is one for the whole walk: a source that takes turns with its twin is beyond it.
     """
     record = observation.record
-    assert record is not None, "checked by check_truth"
+    assert record is not None, "checked by write_references"
     frames = observation.frames
     entries = [frame.record for frame in frames]
     heard = [{source.category for source in record.audible_sources(entry)} if entry else set() for entry in entries]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -181,6 +182,14 @@ def test_one_command_writes_scores_and_prints_all(data: Path, tmp_path: Path):
         table = media.read_json(tmp_path / "t.json")["references"]
         assert table[name] == {one: scores["overall"]["listen"][one] for one in table[name]}
         assert {*PAIR_FIGURES, "IoU"} == table[name].keys()
+
+
+def test_masks_that_are_missing_are_said_in_one_line(data: Path, tmp_path: Path):
+    root = tiny.clone(data, tmp_path / "data")
+    shutil.rmtree(root / SECOND / layout.INSTANCE_MASKS)
+    with pytest.raises(UsageError, match=rf"{SECOND}: the references need observation.json and instance_masks/"):
+        write_references(Dataset(root), tmp_path / "r")
+    assert not (tmp_path / "r").exists()
 
 
 def test_other_parts_have_no_references(tmp_path: Path):
