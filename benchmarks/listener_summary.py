@@ -55,11 +55,20 @@ def twin_pairs(dataset: str) -> frozenset[Pair]:
     return frozenset(frozenset((a, b)) for keys in alone.values() for a in keys for b in keys if a != b)
 
 
-def pair_accuracy_of(scores: Scores, pairs: Collection[Pair]) -> float | None:
-    """Pair accuracy over some pairs: mean over the groups that have a pair-frame of them; None without one."""
+def twin_accuracy(scores: Scores, twins: Collection[Pair]) -> float | None:
+    """Pair accuracy over pairs of twins: mean over the groups that have a pair-frame of them; None without one.
+
+    Args:
+        scores: those of `listen` 1.1 name the kind of each pair.
+        twins: the pairs of twins, for scores of `listen` 1.0.
+    """
     shares = []
     for group in scores.siblings or ():
-        chosen = [pair for pair in group.pairs if frozenset((pair.first, pair.second)) in pairs]
+        chosen = [
+            pair
+            for pair in group.pairs
+            if (pair.kind == "twins" if pair.kind else frozenset((pair.first, pair.second)) in twins)
+        ]
         if frames := sum(pair.frames for pair in chosen):
             shares.append(sum(pair.right for pair in chosen) / frames)
     return mean(shares)
@@ -118,7 +127,7 @@ def summary(output: Path) -> str:
         values = [_strict_iou(_scores(output, dataset, name), part) for dataset, part in SUMMARY]
         scenes = _scores(output, SCENES, name)
         every = scenes.overall.listen.pair_accuracy if scenes.overall.listen else None
-        rows.append([ROWS[name].title, *map(_short, [*values, every, pair_accuracy_of(scenes, twins)])])
+        rows.append([ROWS[name].title, *map(_short, [*values, every, twin_accuracy(scenes, twins)])])
     head = ["method", *SUMMARY.values(), f"{SCENES}, all pairs", f"{SCENES}, twins"]
     labels = [*dict.fromkeys(dataset for dataset, _ in SUMMARY), SCENES]
     made = {name: {label: document["rows"][f"{label}-{name}"]["settings"] for label in labels} for name in SUMMARY_ROWS}
