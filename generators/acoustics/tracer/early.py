@@ -211,4 +211,5 @@ def heard_images(
     direction, pressure = direction[order].astype(np.float32), pressure[order].astype(np.float32)
     ends = np.cumsum(np.bincount(owner, minlength=count))
     spans = [slice(first, last) for first, last in zip([0, *ends[:-1]], ends, strict=True)]
-    return [Arrivals(time[span], direction[span], pressure[span]) for span in spans]
+    spherical = np.ones(len(time), dtype=np.bool_)
+    return [Arrivals(time[span], direction[span], pressure[span], spherical[span]) for span in spans]

@@ -156,18 +156,26 @@ class DeviceTrace:
 
     def responses(self, ears: DeviceEars, listeners: list[int], rotations: list[F64]) -> list[F32]:
         """See `DeviceEars.responses`."""
-        wanted = sorted(set(listeners))
-        parts = [self.early[j] for j in wanted]
-        owner = np.repeat(np.array(wanted, dtype=np.int32), [len(part) for part in parts])
-        joined = Arrivals.joined(parts)
         own = self.records
         heard = [DeviceRecords(own.listener, own.path, own.direction, own.pressure, self.count, SPEED_OF_SOUND)]
-        if len(joined):
-            heard.append(
-                DeviceRecords(
-                    upload(owner), upload(joined.time), upload(joined.direction), upload(joined.pressure),
-                    len(joined), 1.0,
-                )
-            )  # fmt: skip
+        if ears.near is None:
+            heard += _uploaded({j: self.early[j] for j in listeners}, 0, 2)
+        else:
+            for ear in (0, 1):
+                parts = {}
+                for j, rotation in zip(listeners, rotations, strict=True):
+                    turned = np.einsum("ij,jk->ik", self.early[j].direction.astype(np.float64), rotation)
+                    parts[j] = ears.near.heard(self.early[j], turned, ear)[0]
+                heard += _uploaded(parts, ear, ear + 1)
         last = np.maximum(self.last, [part.time.max(initial=0.0) for part in self.early])
         return ears.responses(heard, last, listeners, rotations)
+
+
+def _uploaded(arrivals: dict[int, Arrivals], first_ear: int, last_ear: int) -> list[DeviceRecords]:
+    """The arrivals of listeners on the device; no record without any arrival."""
+    owner = np.repeat(np.array(list(arrivals), dtype=np.int32), [len(part) for part in arrivals.values()])
+    joined = Arrivals.joined(list(arrivals.values()))
+    if not len(joined):
+        return []
+    columns = (upload(each) for each in (owner, joined.time, joined.direction, joined.pressure))
+    return [DeviceRecords(*columns, len(joined), 1.0, first_ear, last_ear)]
