@@ -159,11 +159,12 @@ def early_arrivals(surfaces: AcousticSurfaces, images: Images, listener: F64) ->
     nodes, entries = scratch()
     between = crossings(surfaces.mesh, listener, images.source, MOST_CROSSINGS, nodes, entries)
     visible = np.zeros(len(images.sequences), dtype=np.bool_)
+    weight = np.zeros((len(visible), 8), dtype=np.float32)
     if len(visible):
         visible_images(
             surfaces.mesh,
+            surfaces.rims,
             surfaces.plane_equation,
-            surfaces.plane_bounds,
             listener,
             images.source,
             images.sequences,
@@ -171,15 +172,17 @@ def early_arrivals(surfaces: AcousticSurfaces, images: Images, listener: F64) ->
             0,
             len(visible),
             visible,
-            np.empty((images.sequences.shape[1], 3)),
+            weight,
+            np.empty((images.sequences.shape[1], 4)),
+            np.empty((3, 8)),
             nodes,
             entries,
         )
-    return heard_images(images, listener[None], visible[None], np.array([between]))[0]
+    return heard_images(images, listener[None], visible[None], weight[None], np.array([between]))[0]
 
 
 def heard_images(
-    images: Images, listeners: F64, visible: NDArray[np.bool_], between: NDArray[np.int64]
+    images: Images, listeners: F64, visible: NDArray[np.bool_], weight: NDArray[np.float32], between: NDArray[np.int64]
 ) -> list[Arrivals]:
     """The early arrivals of each listener.
 
@@ -187,17 +190,25 @@ def heard_images(
         images: candidates.
         listeners: (L, 3) metres.
         visible: (L, S) whether the path of each image source exists.
+        weight: (L, S, 8) how much of it, per octave.
         between: (L,) number of surfaces between source and listener, counted up to `MOST_CROSSINGS`.
     """
     count = len(listeners)
     owner, image = np.nonzero(visible)
     groups = int(images.group.max(initial=0)) + 1
-    _, once = np.unique(owner * groups + images.group[image], return_index=True)
-    once.sort()
+    _, once, number = np.unique(owner * groups + images.group[image], return_index=True, return_inverse=True)
+    # Images of one position are one sound, of which their surfaces carry one part each; on an edge, all of it each.
+    carried = weight[owner, image].astype(np.float64)
+    parts, whole = np.zeros((2, len(once), 8))
+    np.add.at(parts, number.reshape(-1), carried * images.gain[image])
+    np.add.at(whole, number.reshape(-1), carried)
+    parts /= np.maximum(whole, 1.0)
+    order = np.argsort(once)
+    once, parts = once[order], parts[order]
     owner, image = owner[once], image[once]
     direct = np.array([np.ones(8) if surfaces == 0 else wall_gain(int(surfaces)) for surfaces in between])
     owner = np.concatenate([np.arange(count), owner])
-    gain = np.concatenate([direct.reshape(-1, 8), images.gain[image]])
+    gain = np.concatenate([direct.reshape(-1, 8), parts])
     positions = np.concatenate([np.broadcast_to(images.source, (count, 3)), images.last[image]])
     used = gain.any(axis=1)
     owner, gain = owner[used], gain[used]

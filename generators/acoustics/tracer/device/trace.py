@@ -47,7 +47,7 @@ class DeviceScene:
         self._surfaces, self._settings = surfaces, settings
         self._mesh = upload(surfaces.mesh, "the surfaces of the scene")
         self._equation = upload(surfaces.plane_equation, "the surfaces of the scene")
-        self._bounds = upload(surfaces.plane_bounds, "the surfaces of the scene")
+        self._rims = upload(surfaces.rims, "the surfaces of the scene")
         self._directions = upload(ray_directions(rays, settings.seed, LATE), "the rays")
         self._rained = settings.rain_rays if settings.rain_order else 0
         self._rain_directions = upload(ray_directions(max(self._rained, 1), settings.seed, RAIN), "the rays")
@@ -77,15 +77,17 @@ class DeviceScene:
         heads, source = len(listeners), upload(images.source)
         places = upload(np.ascontiguousarray(listeners))
         visible = np.zeros((heads, len(images.sequences)), dtype=np.bool_)
+        weight = np.zeros((*visible.shape, 8), dtype=np.float32)
         seen = allocate(visible.shape if visible.size else (1, 1), np.bool_, "visible images")
+        carried = allocate(weight.shape if visible.size else (1, 1, 8), np.float32, "visible images")
         launch(
-            kernels.visibility, visible.size, self._mesh, self._equation, self._bounds, places, source,
-            upload(images.sequences), upload(images.positions), seen,
+            kernels.visibility, visible.size, self._mesh, self._rims, self._equation, places, source,
+            upload(images.sequences), upload(images.positions), seen, carried,
         )  # fmt: skip
         between = allocate(heads, np.int64)
         launch(kernels.walls_between, heads, self._mesh, places, source, MOST_CROSSINGS, between)
         if visible.size:
-            visible = seen.copy_to_host()
+            visible, weight = seen.copy_to_host(), carried.copy_to_host()
         walls = between.copy_to_host()
         around = upload(discs(self._surfaces, listeners, self._settings.radius))
         known = upload(images.keys)
@@ -112,7 +114,7 @@ class DeviceScene:
 
         room = max(int(_ROOM * self._expected * heads), 1024)
         records, ranks, latest, count = start(room)
-        early = heard_images(images, listeners, visible, walls)
+        early = heard_images(images, listeners, visible, weight, walls)
         early = [Arrivals.joined(pair) for pair in zip(early, others(listeners), strict=True)]
         found = int(count.copy_to_host()[0])
         if found > room:
