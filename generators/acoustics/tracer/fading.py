@@ -103,9 +103,11 @@ def carried(
         rx, ry, rz = rims.ends[e, 3] - x, rims.ends[e, 4] - y, rims.ends[e, 5] - z
         qx, qy = rx * ux + ry * uy + rz * uz, rx * vx + ry * vy + rz * vz
         cross = px * qy - py * qx
-        if py <= 0.0 < qy and cross > 0.0:
+        # On which side of the edge the path is; on the edge, the side for which the number of turns counts it.
+        left = cross > 0.0 or (cross == 0.0 and (qy <= 0.0 < py or (qx > px and (py <= 0.0) == (qy <= 0.0))))
+        if py <= 0.0 < qy and left:
             turns += 1
-        elif qy <= 0.0 < py and cross < 0.0:
+        elif qy <= 0.0 < py and not left:
             turns -= 1
         if not rims.ends_surface[e, side]:
             continue
@@ -123,7 +125,7 @@ def carried(
         first, last = math.atan2(low, height), math.atan2(high, height)
         middle, half = 0.5 * (first + last), 0.5 * (last - first)
         exponent = -0.5 * height * height / variance
-        scale = -math.copysign(half / (2.0 * math.pi), cross)
+        scale = (-half if left else half) / (2.0 * math.pi)
         for i in range(len(_NODES)):
             cosine = math.cos(middle + half * _NODES[i])
             value = math.exp(exponent / (cosine * cosine))
