@@ -20,6 +20,7 @@ from avs3d_bench.runtime.parallel import available_cores
 from avs3d_bench.scheduling.options import Options as Scheduling
 from avs3d_bench.sealing.seal import COMMITMENT, DRAWS, MANIFEST, OPENING_KEY, PRIVATE, PUBLIC, SECRET
 from avs3d_bench.sealing.secret import SECRET_BYTES, CommittedSecret, commit, read_secret, working_key
+from generators.acoustics.receivers import head_identity
 from generators.manifest.reading import ManifestFile
 from generators.manifest.schema import Manifest
 from generators.observation.sources import check_takes
@@ -197,7 +198,7 @@ def settings_of(drawn: ManifestFile, options: GenerateOptions) -> dict[str, Scal
         "with": ",".join(sorted(options.extras)),
         "ambisonics": options.ambisonics,
         "array": options.array is not None,
-        "hrtf_sha256": None if options.hrtf is None else files.sha256_file(options.hrtf),
+        "hrtf_sha256": head_identity(options.hrtf),
         **options.further(),
     }
 
