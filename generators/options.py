@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 from avs3d_bench.errors import UsageError, did_you_mean, excerpt
 from avs3d_bench.runtime.user_path import user_path
 from generators.acoustics.receivers import ENGINE, OWN_HEAD, Receivers, choose_receivers, with_head
+from generators.acoustics.receivers import WORDS as WORDS
+from generators.acoustics.receivers import head_identity as head_identity
 from generators.core.limits import FRAMES, SIZE, WORKERS
 
 if TYPE_CHECKING:

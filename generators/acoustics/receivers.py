@@ -179,11 +179,12 @@ def with_head(receivers: Receivers, hrtf: str | Path) -> Receivers:
     Raises:
         Avs3dError: if the file is missing or wrong, KEMAR is not installed, or h5py is not.
     """
-    if hrtf == SPHERE:
+    word = str(hrtf)
+    if word == SPHERE:
         return replace(receivers, chosen=True)
-    if hrtf in FAMILIES:
-        return replace(receivers, family=str(hrtf), chosen=True)
-    path = _kemar() if hrtf == KEMAR else user_path(hrtf).absolute()
+    if word in FAMILIES:
+        return replace(receivers, family=word, chosen=True)
+    path = _kemar() if word == KEMAR else user_path(hrtf).absolute()
     head: SofaHead = import_by_name(PARTS["head"])(path)
     return replace(receivers, hrtf=path, hrtf_sha256=head.hrirs.sha256, chosen=True)
 
@@ -194,9 +195,12 @@ def head_identity(hrtf: str | Path | None) -> str | None:
     Raises:
         Avs3dError: if the file cannot be read, or KEMAR is not installed.
     """
-    if hrtf is None or hrtf in (SPHERE, *FAMILIES):
-        return None if hrtf is None else str(hrtf)
-    return files.sha256_file(_kemar() if hrtf == KEMAR else hrtf)
+    if hrtf is None:
+        return None
+    word = str(hrtf)
+    if word in (SPHERE, *FAMILIES):
+        return word
+    return files.sha256_file(_kemar() if word == KEMAR else hrtf)
 
 
 def _kemar() -> Path:

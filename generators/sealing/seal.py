@@ -20,11 +20,10 @@ from avs3d_bench.runtime.parallel import available_cores
 from avs3d_bench.scheduling.options import Options as Scheduling
 from avs3d_bench.sealing.seal import COMMITMENT, DRAWS, MANIFEST, OPENING_KEY, PRIVATE, PUBLIC, SECRET
 from avs3d_bench.sealing.secret import SECRET_BYTES, CommittedSecret, commit, read_secret, working_key
-from generators.acoustics.receivers import head_identity
 from generators.manifest.reading import ManifestFile
 from generators.manifest.schema import Manifest
 from generators.observation.sources import check_takes
-from generators.options import GenerateOptions
+from generators.options import GenerateOptions, head_identity
 from generators.plan import make_plans
 from generators.run.generation import generate_plans
 from generators.sampling.excluded import what_they_use

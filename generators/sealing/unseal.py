@@ -29,10 +29,9 @@ from avs3d_bench.sealing.seal import (
     read_seal,
 )
 from avs3d_bench.sealing.secret import derive
-from generators.acoustics.receivers import WORDS, head_identity
 from generators.backends import observation_provenance
 from generators.manifest.reading import ManifestFile, read_manifest
-from generators.options import EngineOptions, GenerateOptions, further_options
+from generators.options import WORDS, EngineOptions, GenerateOptions, further_options, head_identity
 from generators.plan import ObservationPlan, make_plans
 from generators.run.generation import generate_plans
 from generators.sealing.consistency import Opened, check_consistency
