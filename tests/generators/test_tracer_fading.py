@@ -13,6 +13,7 @@ from generators.acoustics.tracer.diffraction import diffracted, lit_edges
 from generators.acoustics.tracer.early import early_arrivals, images_of
 from generators.acoustics.tracer.fading import BACK, FRONT, carried, zone_variance
 from generators.acoustics.tracer.surfaces import surfaces_of
+from generators.acoustics.tracer.transmission import wall_gain
 from tests.support.tracer_rooms import LISTENER, box, images, label
 
 #: Octaves of which the zone is as wide as that of 250 Hz.
@@ -138,6 +139,24 @@ def test_six_millimetres_are_no_step():
         levels.append(10 * np.log10(energy))
     # The direct sound alone changes by 0.08 dB per step near the source; a path that comes or goes made 0.96 dB.
     assert np.abs(np.diff(levels, axis=0)).max() < 0.12
+
+
+def test_no_step_where_a_source_goes_behind_a_wall():
+    """What the wall lets through begins at 0 on its edge, where the diffracted sound is half of the direct one."""
+    surfaces, source = surfaces_of(mesh_of(wood=rectangle((0, -3, -3), (0, 3, 0)))), np.array([-0.8, 0.0, -0.3])
+    found, lit = images_of(surfaces, source, 1, 0), lit_edges(surfaces.edges, source)
+    levels = []
+    for z in (0.2994, 0.2998, 0.3002, 0.3006):
+        listener = np.array([0.8, 0.0, z])
+        parts = [early_arrivals(surfaces, found, listener), diffracted(surfaces, lit, listener)]
+        heard = [part.pressure[:, :5].sum(axis=0, dtype=float) for part in parts if len(part)]
+        levels.append(20 * np.log10(np.abs(sum(heard))))
+    assert np.abs(np.diff(levels, axis=0)).max() < 0.1  # 0.4 to 3 dB with all of what the wall lets through
+    deep = early_arrivals(surfaces, found, np.array([0.8, 0.0, -2.0]))
+    distance = deep.time[0] * SPEED_OF_SOUND
+    assert deep.pressure[0] * distance == pytest.approx(
+        wall_gain(1) * np.exp(-0.5 * distance * energy_exponents()), rel=1e-5
+    )
 
 
 def test_a_rug_does_not_end_the_floor_and_no_step_ends_a_surface():

@@ -157,7 +157,10 @@ def _keys(sequences: I32, planes: int) -> NDArray[np.int64]:
 def early_arrivals(surfaces: AcousticSurfaces, images: Images, listener: F64) -> Arrivals:
     """Direct sound (or what walls let through of it) and specular reflections at ``listener`` (3,)."""
     nodes, entries = scratch()
-    between = crossings(surfaces.mesh, listener, images.source, MOST_CROSSINGS, nodes, entries)
+    hidden, shares = np.empty(8), np.empty((3, 8))
+    between = crossings(
+        surfaces.mesh, surfaces.rims, listener, images.source, MOST_CROSSINGS, hidden, shares[0], nodes, entries
+    )
     visible = np.zeros(len(images.sequences), dtype=np.bool_)
     weight = np.zeros((len(visible), 8), dtype=np.float32)
     if len(visible):
@@ -174,15 +177,20 @@ def early_arrivals(surfaces: AcousticSurfaces, images: Images, listener: F64) ->
             visible,
             weight,
             np.empty((images.sequences.shape[1], 4)),
-            np.empty((3, 8)),
+            shares,
             nodes,
             entries,
         )
-    return heard_images(images, listener[None], visible[None], weight[None], np.array([between]))[0]
+    return heard_images(images, listener[None], visible[None], weight[None], np.array([between]), hidden[None])[0]
 
 
 def heard_images(
-    images: Images, listeners: F64, visible: NDArray[np.bool_], weight: NDArray[np.float32], between: NDArray[np.int64]
+    images: Images,
+    listeners: F64,
+    visible: NDArray[np.bool_],
+    weight: NDArray[np.float32],
+    between: NDArray[np.int64],
+    hidden: F64,
 ) -> list[Arrivals]:
     """The early arrivals of each listener.
 
@@ -192,6 +200,7 @@ def heard_images(
         visible: (L, S) whether the path of each image source exists.
         weight: (L, S, 8) how much of it, per octave.
         between: (L,) number of surfaces between source and listener, counted up to `MOST_CROSSINGS`.
+        hidden: (L, 8) how far the source is behind them (see `crossings`).
     """
     count = len(listeners)
     owner, image = np.nonzero(visible)
@@ -206,7 +215,11 @@ def heard_images(
     order = np.argsort(once)
     once, parts = once[order], parts[order]
     owner, image = owner[once], image[once]
-    direct = np.array([np.ones(8) if surfaces == 0 else wall_gain(int(surfaces)) for surfaces in between])
+    through = [
+        np.ones(8) if surfaces == 0 else wall_gain(int(surfaces)) * depth
+        for surfaces, depth in zip(between, hidden, strict=True)
+    ]
+    direct = np.array(through)
     owner = np.concatenate([np.arange(count), owner])
     gain = np.concatenate([direct.reshape(-1, 8), parts])
     positions = np.concatenate([np.broadcast_to(images.source, (count, 3)), images.last[image]])

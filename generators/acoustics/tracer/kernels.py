@@ -45,6 +45,8 @@ FAR = 1e30
 NEAREST = 0.1
 #: Octave bands.
 _BANDS = 8
+#: A source is fully behind a surface that hides ½ + ½/`_BEHIND` of it: a third of the zone's width from the edge.
+_BEHIND = 4.0
 #: Purpose of random numbers: third word of the counter.
 LATE, RAIN = 0, 1
 #: Triangles of one mirror plane lie in it to within this distance (m).
@@ -177,8 +179,16 @@ def closest_hits(
 
 
 @njit
-def crossings(mesh: MeshTables, a: F64, b: F64, most: int, stack: I32, entries: F64) -> int:
-    """Number of surfaces between the points ``a`` and ``b`` (3,), their ends excepted; counts up to ``most``."""
+def crossings(
+    mesh: MeshTables, rims: Rims, a: F64, b: F64, most: int, hidden: F64, share: F64, stack: I32, entries: F64
+) -> int:
+    """Number of surfaces between the points ``a`` and ``b`` (3,), their ends excepted; counts up to ``most``.
+
+    ``hidden`` (8,) becomes how far the line is behind them: 0 on the edge of a surface, where the diffracted sound is
+    continuous with the direct one, 1 a little away from it. ``share`` (8,) is scratch.
+    """
+    for k in range(_BANDS):
+        hidden[k] = 0.0
     dx, dy, dz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     length = math.sqrt(dx * dx + dy * dy + dz * dz)
     if length <= 2.0 * OFFSET:
@@ -189,25 +199,22 @@ def crossings(mesh: MeshTables, a: F64, b: F64, most: int, stack: I32, entries: 
         left = length - OFFSET - at
         if left <= 0.0:
             break
-        t, hit = closest(
-            mesh.bounds,
-            mesh.links,
-            mesh.corners,
-            a[0] + at * dx,
-            a[1] + at * dy,
-            a[2] + at * dz,
-            dx,
-            dy,
-            dz,
-            left,
-            False,
-            stack,
-            entries,
-        )
+        x, y, z = a[0] + at * dx, a[1] + at * dy, a[2] + at * dz
+        t, hit = closest(mesh.bounds, mesh.links, mesh.corners, x, y, z, dx, dy, dz, left, False, stack, entries)
         if hit < 0:
             break
         count += 1
-        at += t + OFFSET
+        at += t
+        q = mesh.plane[hit]
+        variance = zone_variance(at, length - at)
+        x, y, z = a[0] + at * dx, a[1] + at * dy, a[2] + at * dz
+        if q >= 0 and rims.is_open[q] and carried(rims, q, ANY, x, y, z, dx, dy, dz, variance, share):
+            for k in range(_BANDS):
+                hidden[k] = max(hidden[k], min(_BEHIND * (2.0 * share[k] - 1.0), 1.0))
+        else:
+            for k in range(_BANDS):
+                hidden[k] = 1.0
+        at += OFFSET
     return count
 
 

@@ -80,13 +80,14 @@ def visibility(  # pragma: no cover  # compiled
 
 @kernel
 def walls_between(  # pragma: no cover  # compiled
-    mesh: Any, listeners: Any, source: Any, most: int, between: Any
+    mesh: Any, rims: Any, listeners: Any, source: Any, most: int, between: Any, hidden: Any
 ) -> None:
-    """`crossings` into ``between`` (L,), one thread per listener."""
+    """`crossings` into ``between`` (L,) and ``hidden`` (L, 8), one thread per listener."""
     j = cuda.grid(1)
     if j < between.shape[0]:
         stack, entries = cuda.local.array(STACK, np.int32), cuda.local.array(STACK, np.float64)
-        between[j] = crossings(mesh, listeners[j], source, most, stack, entries)
+        share = cuda.local.array(_BANDS, np.float64)
+        between[j] = crossings(mesh, rims, listeners[j], source, most, hidden[j], share, stack, entries)
 
 
 @kernel

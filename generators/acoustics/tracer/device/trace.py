@@ -84,11 +84,13 @@ class DeviceScene:
             kernels.visibility, visible.size, self._mesh, self._rims, self._equation, places, source,
             upload(images.sequences), upload(images.positions), seen, carried,
         )  # fmt: skip
-        between = allocate(heads, np.int64)
-        launch(kernels.walls_between, heads, self._mesh, places, source, MOST_CROSSINGS, between)
+        between, hidden = allocate(heads, np.int64), allocate((heads, 8), np.float64)
+        launch(
+            kernels.walls_between, heads, self._mesh, self._rims, places, source, MOST_CROSSINGS, between, hidden
+        )  # fmt: skip
         if visible.size:
             visible, weight = seen.copy_to_host(), carried.copy_to_host()
-        walls = between.copy_to_host()
+        walls, depth = between.copy_to_host(), hidden.copy_to_host()
         around = upload(discs(self._surfaces, listeners, self._settings.radius))
         known = upload(images.keys)
 
@@ -114,7 +116,7 @@ class DeviceScene:
 
         room = max(int(_ROOM * self._expected * heads), 1024)
         records, ranks, latest, count = start(room)
-        early = heard_images(images, listeners, visible, weight, walls)
+        early = heard_images(images, listeners, visible, weight, walls, depth)
         early = [Arrivals.joined(pair) for pair in zip(early, others(listeners), strict=True)]
         found = int(count.copy_to_host()[0])
         if found > room:
