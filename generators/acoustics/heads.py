@@ -12,7 +12,7 @@ pinna models based on anthropometry", AES convention paper 7098, 2007). There is
 
 from __future__ import annotations
 
-from typing import Literal, cast
+from typing import Literal
 
 import numpy as np
 
@@ -65,7 +65,7 @@ def draw_head(split: Split, rng: np.random.Generator) -> HeadRecord:
         for middle, gain, width in _RESONANCES
     )
     return HeadRecord(
-        family=cast(Split, split),
+        family=split,
         radius=radius,
         ear_azimuth=between(EAR_AZIMUTH, 1),
         ear_elevation=between(EAR_ELEVATION, 1),

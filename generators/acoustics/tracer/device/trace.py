@@ -181,5 +181,6 @@ def _uploaded(arrivals: dict[int, Arrivals], first_ear: int, last_ear: int) -> l
     joined = Arrivals.joined(list(arrivals.values()))
     if not len(joined):
         return []
-    columns = (upload(each) for each in (owner, joined.time, joined.direction, joined.pressure))
-    return [DeviceRecords(*columns, len(joined), 1.0, first_ear, last_ear)]
+    columns: list[Any] = [upload(each) for each in (owner, joined.time, joined.direction, joined.pressure)]
+    listener, time, direction, pressure = columns
+    return [DeviceRecords(listener, time, direction, pressure, len(joined), 1.0, first_ear, last_ear)]

@@ -74,7 +74,7 @@ def pinna(head: HeadRecord, directions: F64, frequency: F64) -> C128:
     # Every term ends at the side with `about`, where up and ahead have no meaning.
     fade = (_FAR + (1 - _FAR) * (1 + side) / 2) * about**2
     depth = fade * (1 - (1 - _BEHIND) * behind) * (1 - _OVERHEAD * ((1 + up) / 2) ** 2)
-    s = 1j * frequency[None, :]
+    s: C128 = np.asarray(1j * frequency[None, :], dtype=np.complex128)
     loss = 10 ** (-head.back_loss_db * behind * about**2 / 20)[:, None]
     found = (s * loss + _BACK_CORNER) / (s + _BACK_CORNER)
     for notch in head.notches:
@@ -96,7 +96,7 @@ def _section(middle: F64, width: F64, gain_db: F64, s: C128) -> C128:
 def _responses(head: HeadRecord) -> HrirSet:
     """The head's impulse responses in directions all around."""
     directions = fibonacci_directions(_DIRECTIONS)
-    frequency: F64 = np.fft.rfftfreq(_TRANSFORM, 1 / _RATE)
+    frequency: F64 = np.asarray(np.fft.rfftfreq(_TRANSFORM, 1 / _RATE), dtype=np.float64)
     place = np.clip((frequency / (_RATE / 2) - _ROLL_OFF) / (1 - _ROLL_OFF), 0.0, 1.0)
     shape = (0.5 + 0.5 * np.cos(np.pi * place)) * np.exp(-2j * np.pi * frequency * _ZERO)
     wave_number = 2 * np.pi * frequency * head.radius / SPEED_OF_SOUND
