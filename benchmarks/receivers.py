@@ -3,8 +3,8 @@
     python -m benchmarks.receivers [--hrtf FILE.sofa]
 
 prints five tables: CPU time of a response; errors of the spherical head against the closed form of a plane wave; its
-level differences near a source beside the closed form; ringing of the octave filters before an arrival; and, with a SOFA file,
-errors of its head beside those of ambisonics of order 3 decoded with a magnitude-least-squares decoder.
+level differences near a source beside the closed form; ringing of the octave filters before an arrival; and, with a
+SOFA file, errors of its head beside those of ambisonics of order 3 decoded with a magnitude-least-squares decoder.
 """
 
 from __future__ import annotations

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.tracer.air import energy_exponents
 from generators.acoustics.tracer.arrivals import Arrivals
-from generators.acoustics.tracer.kernels import NEAREST, crossings, specular_planes, visible_images
+from generators.acoustics.tracer.image_paths import visible_images
+from generators.acoustics.tracer.kernels import NEAREST, crossings, specular_planes
 from generators.acoustics.tracer.rays import ray_directions
 from generators.acoustics.tracer.surfaces import AcousticSurfaces, scratch
 from generators.acoustics.tracer.transmission import MOST_WALLS, wall_gain

@@ -14,6 +14,7 @@ from typing import Any
 import numba.cuda
 import numpy as np
 
+from generators.acoustics.tracer.image_paths import visible_images
 from generators.acoustics.tracer.kernels import (
     FAR,
     OFFSET,
@@ -26,7 +27,6 @@ from generators.acoustics.tracer.kernels import (
     reflect_late,
     scatter_rain,
     specular_planes,
-    visible_images,
     write_passage,
     write_record,
 )
