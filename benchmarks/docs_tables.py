@@ -308,7 +308,7 @@ def speed(bench: Path) -> str:
 
 def near_sources() -> str:
     """Level differences of the head and of a rigid sphere near a source."""
-    return text(["azimuth", "", *(f"{band} Hz" for band in receivers.NEAR_BANDS)], receivers.near_field())
+    return text(["azimuth", "distance", *(f"{band} Hz" for band in receivers.NEAR_BANDS)], receivers.near_field())
 
 
 def blocks(docs: Path) -> dict[str, list[tuple[str, Callable[[], str]]]]:

@@ -3,8 +3,8 @@
     python -m benchmarks.receivers [--hrtf FILE.sofa]
 
 prints five tables: CPU time of a response; errors of the spherical head against the closed form of a plane wave; its
-level differences beside those of a near source; ringing of the octave filters before an arrival; and, with a SOFA file,
-errors of its head beside those of ambisonics of order 3 decoded with a magnitude-least-squares decoder.
+level differences near a source beside the closed form; ringing of the octave filters before an arrival; and, with a
+SOFA file, errors of its head beside those of ambisonics of order 3 decoded with a magnitude-least-squares decoder.
 """
 
 from __future__ import annotations
@@ -45,7 +45,11 @@ CASES = {
     "through a wall, −6 dB per octave": 2.0 ** -np.arange(8.0),
 }
 #: Sources whose level differences are shown: azimuths (degrees), distances (m), octaves (Hz).
-NEAR_AZIMUTHS, NEAR_DISTANCES, NEAR_BANDS = (30, 60, 90), (3.0, 2.0, 1.0, 0.5, 0.3), (250, 500, 1000, 2000, 4000, 8000)
+NEAR_AZIMUTHS, NEAR_DISTANCES, NEAR_BANDS = (
+    (30, 60, 90),
+    (6.0, 3.0, 2.0, 1.0, 0.5, 0.3),
+    (250, 500, 1000, 2000, 4000, 8000),
+)
 #: Terms of the series beyond ka; those of a source at 0.2 m fall by 2.3 each.
 NEAR_TERMS = 50
 #: Samples of the transforms by which responses are compared.
@@ -117,10 +121,10 @@ def print_sphere() -> None:
 
 
 def near_pressure(distance: float, azimuth: float, frequency: ArrayLike) -> C128:
-    """(2, K) pressure at the ears of a rigid sphere, left first, for a point source at any distance.
+    """(2, K) pressure at the ears of a rigid sphere, left first, for a point source of amplitude 1 at any distance.
 
-    Duda and Martens (1998), eq. (3), with μ = ka and the distance ρ in radii, but for the factor that both ears share:
-    p ∝ Σ (2m + 1)·Pₘ(cos θ)·hₘ(μρ)/h′ₘ(μ).
+    Duda and Martens (1998), eq. (3), with μ = ka and the distance ρ in radii, relative to 1 m from the source in the
+    free field: p = −1/(aμ)·Σ (2m + 1)·Pₘ(cos θ)·hₘ(μρ)/h′ₘ(μ), with their time dependence exp(−iωt).
 
     Args:
         distance: from the centre of the sphere (m), larger than its radius.
@@ -134,13 +138,14 @@ def near_pressure(distance: float, azimuth: float, frequency: ArrayLike) -> C128
     terms = (2 * orders + 1) * (spherical_jn(orders, far) + 1j * spherical_yn(orders, far)) / slope
     # The left ear is at −90°, the right one at +90°.
     cosine = np.cos(np.radians([90 + azimuth, 90 - azimuth]))
-    return np.array([(eval_legendre(orders, ear) * terms).sum(axis=0) for ear in cosine])
+    return np.array([(eval_legendre(orders, ear) * terms).sum(axis=0) / (-mu * HEAD_RADIUS) for ear in cosine])
 
 
-def head_pressure(azimuth: float, frequency: F64) -> C128:
-    """(2, K) pressure at the ears of the tracer's spherical head, left first; the same at any distance."""
+def head_pressure(distance: float, azimuth: float, frequency: F64) -> C128:
+    """(2, K) pressure at the ears of the tracer's spherical head, left first, for a point source of amplitude 1."""
     direction = np.array([[np.sin(np.radians(azimuth)), 0, -np.cos(np.radians(azimuth))]], dtype=np.float32)
-    one = Arrivals(np.array([0.05]), direction, np.ones((1, 8), dtype=np.float32))
+    pressure = np.full((1, 8), 1 / distance, dtype=np.float32)
+    one = Arrivals(np.array([distance / SPEED_OF_SOUND]), direction, pressure, np.array([True]))
     response = SphericalHead().response(one, UPRIGHT, RATE).astype(np.float64)
     return np.asarray(response @ np.exp(-2j * np.pi * np.outer(np.arange(response.shape[1]) / RATE, frequency)))
 
@@ -157,22 +162,24 @@ def octave(middle: float) -> F64:
 
 
 def near_field() -> list[list[str]]:
-    """Rows of the table of level differences: azimuth, the head, and the closed form at each distance; by octave."""
+    """Rows of the table of level differences, by octave, of the head beside the closed form, for each azimuth."""
     rows = []
     for azimuth in NEAR_AZIMUTHS:
-        heard = [level_difference(head_pressure(azimuth, octave(band))) for band in NEAR_BANDS]
-        rows.append([f"{azimuth}°", "the head, any distance", *(f"{value:.1f}" for value in heard)])
         for distance in NEAR_DISTANCES:
-            exact = [level_difference(near_pressure(distance, azimuth, octave(band))) for band in NEAR_BANDS]
-            rows.append([f"{azimuth}°", f"exact, {distance:g} m", *(f"{value:.1f}" for value in exact)])
+            cells = []
+            for band in NEAR_BANDS:
+                found = level_difference(head_pressure(distance, azimuth, octave(band)))
+                exact = level_difference(near_pressure(distance, azimuth, octave(band)))
+                cells.append(f"{found:.1f} ({exact:.1f})")
+            rows.append([f"{azimuth}°", f"{distance:g} m", *cells])
     return rows
 
 
 def print_near_field() -> None:
-    """What the spherical head lacks near a source."""
-    print("Level difference of the spherical head, dB: the head takes all sources for far ones")
-    for row in [["azimuth", "", *(f"{band} Hz" for band in NEAR_BANDS)], *near_field()]:
-        print(f"  {row[0]:8} {row[1]:24}" + "".join(f"{cell:>10}" for cell in row[2:]))
+    """The spherical head near a source."""
+    print("Level difference of the spherical head, dB (of the closed form)")
+    for row in [["azimuth", "distance", *(f"{band} Hz" for band in NEAR_BANDS)], *near_field()]:
+        print(f"  {row[0]:8} {row[1]:10}" + "".join(f"{cell:>14}" for cell in row[2:]))
 
 
 def print_ringing() -> None:

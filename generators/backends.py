@@ -65,7 +65,7 @@ def acoustic_backend(
         raise UsageError(f"unknown acoustic backend {name!r}: expected {_any_of(ACOUSTIC)}")
     arguments: dict[str, Any] = {"absorption_scale": absorption_scale}
     if receivers:
-        check_engine(name, hrtf=receivers.hrtf, **receivers.channels)
+        check_engine(name, hrtf=receivers.hrtf or receivers.family or None, **receivers.channels)
         arguments |= {"receiver": receivers.head(), "others": receivers.others()}
     if options.device != "cpu" and name in ON_DEVICE:
         arguments["device"] = options.device

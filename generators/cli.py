@@ -114,7 +114,12 @@ _OPTIONS = (
         "--frames", type=click.IntRange(*FRAMES), default=None, help="Frames per observation (manifest: 120)."
     ),
     click.option("--size", type=click.IntRange(*SIZE), default=None, help="Pixels per side (manifest: 1008)."),
-    click.option("--hrtf", type=PATH, metavar="FILE", help="SOFA file of the head that hears (--audio tracer only)."),
+    click.option(
+        "--hrtf",
+        type=PATH,
+        metavar="HEAD",
+        help="Head that hears (--audio tracer only): sphere, family, family-test, kemar or a SOFA file.",
+    ),
     click.option(
         "--scans",
         type=PATH,

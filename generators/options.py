@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from avs3d_bench.errors import UsageError, did_you_mean, excerpt
 from avs3d_bench.runtime.user_path import user_path
-from generators.acoustics.receivers import OWN_HEAD, Receivers, choose_receivers
+from generators.acoustics.receivers import ENGINE, OWN_HEAD, Receivers, choose_receivers, with_head
+from generators.acoustics.receivers import WORDS as WORDS
+from generators.acoustics.receivers import head_identity as head_identity
 from generators.core.limits import FRAMES, SIZE, WORKERS
 
 if TYPE_CHECKING:
@@ -101,8 +103,8 @@ class GenerateOptions(EngineOptions):
         frames: frames per observation; None: the manifest's.
         size: side of the pictures (pixels); None: the manifest's.
         cache: folder of baked homes; None: ``$AVS3D_CACHE``, or the user's cache folder.
-        hrtf: SOFA file of the head that hears the binaural clips; only with the tracer, as the next two. None: the
-            engine's own head.
+        hrtf: the head that hears the binaural clips: ``sphere``, ``family``, ``family-test``, ``kemar`` or a SOFA
+            file; only with the tracer, as the next two. None: the manifest's, else the engine's own head.
         ambisonics: order of ambisonic clips, 1 to 3, beside the binaural ones; None: there are none.
         array: file that lists the microphones of an array; None: there is none.
         format: ``folders``, a dataset as `avs3d_bench.Dataset` reads it; or ``webdataset``, tar files of
@@ -124,11 +126,12 @@ class GenerateOptions(EngineOptions):
     remake: Sequence[str] = ()
     progress: bool = False
 
-    def engine_options(self, audio: str) -> EngineOptions:
+    def engine_options(self, audio: str, hrtf: str | None = None) -> EngineOptions:
         """The part that plans carry, with the receivers read and checked.
 
         Args:
             audio: name of the acoustic engine that the manifest names, or `DEFAULT_AUDIO`.
+            hrtf: the head that the manifest names; another engine than the tracer has its own.
 
         Raises:
             UsageError: if the engine has no such receivers.
@@ -142,6 +145,8 @@ class GenerateOptions(EngineOptions):
             chosen["receivers"] = choose_receivers(
                 chosen["audio"], hrtf=self.hrtf, ambisonics=self.ambisonics, array=self.array
             )
+        if hrtf is not None and chosen["audio"] == ENGINE and not chosen["receivers"].chosen:
+            chosen["receivers"] = with_head(chosen["receivers"], hrtf)
         return EngineOptions(**chosen)
 
     def __post_init__(self) -> None:

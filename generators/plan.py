@@ -311,6 +311,11 @@ def derive_rng(seed: int, key: str, purpose: str) -> np.random.Generator:
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, *(int(word) for word in words)])))
 
 
+def head_rng(seed: int, spec: ObservationSpec) -> np.random.Generator:
+    """The generator from which the head of an observation is drawn: that of all its variants and siblings."""
+    return derive_rng(seed, spec.like or spec.key, "head")
+
+
 def takes_of(manifest: Manifest) -> dict[str, dict[str, Takes]]:
     """Key of an observation of part_3 → category that sounds from recordings → its takes.
 
@@ -394,7 +399,7 @@ def make_plans(source: ManifestFile, options: GenerateOptions | None = None) -> 
     manifest, asked = source.manifest, options or GenerateOptions()
     changes = {"frames": asked.frames, "size": asked.size}
     camera = manifest.camera.model_copy(update={name: value for name, value in changes.items() if value is not None})
-    engines = asked.engine_options(manifest.engine())
+    engines = asked.engine_options(manifest.engine(), manifest.hrtf)
     backends = backend_versions(engines)
     _check_variants(manifest)
     _check_voices(manifest)
@@ -418,7 +423,7 @@ def make_plans(source: ManifestFile, options: GenerateOptions | None = None) -> 
             base=source.base,
             objects=manifest.objects,
             sounds=manifest.sounds,
-            options=engines,
+            options=replace(engines, receivers=engines.receivers.for_observation(head_rng(manifest.seed, spec))),
             backends=backends,
             categories=manifest.categories,
             models=manifest.models,

@@ -538,7 +538,8 @@ class Manifest(_Model):
     ``categories`` adds categories to the seven of the paper; each that is used needs ``objects``, and ``sounds`` if it
     sounds.
 
-    ``audio`` names the acoustic engine that the benchmark is made with, unless another one is asked for.
+    ``audio`` names the acoustic engine that the benchmark is made with, unless another one is asked for; ``hrtf`` the
+    head that hears with the tracer, unless another one is asked for.
 
     ``models`` restricts the procedural variants from which the objects of a category are drawn, ``voices`` names the
     devices by which its sound is synthesised.
@@ -550,6 +551,7 @@ class Manifest(_Model):
     camera: CameraSpec = CameraSpec()
     light: Literal["preview", "standard", "high"] = "standard"
     audio: Slug | None = None
+    hrtf: Literal["sphere", "family", "family-test", "kemar"] | None = None
     scans: dict[Slug, ScanSpec]
     categories: dict[CategoryName, CategorySpec] = Field({}, max_length=MOST_OWN_CATEGORIES)
     models: dict[InstanceName, Variants] = {}

@@ -178,14 +178,15 @@ def describe_acoustics(
         settings=engine.describe(),
         t30=reverberation_time(decays, layout.SAMPLE_RATE) if decays else None,
         hrtf=describe_head(receivers),
+        head=receivers.drawn,
         ambisonics=AmbisonicsRecord(order=receivers.ambisonics) if receivers.ambisonics else None,
         array=receivers.array,
     )
 
 
 def describe_head(receivers: Receivers) -> HrtfRecord | None:
-    """The record of the measured head, with the licence that its file states; None: the engine's own head."""
-    head = receivers.head()
+    """The record of the measured head, with the licence that its file states; None without one."""
+    head = receivers.measured()
     if head is None or receivers.hrtf is None:
         return None
     hrirs, name = head.hrirs, readable(receivers.hrtf.name)

@@ -22,6 +22,7 @@ from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import files
 from avs3d_bench.runtime.provenance import SOFTWARE
+from generators.acoustics.heads import FAMILIES
 from generators.acoustics.receivers import Receivers, choose_receivers
 from generators.backends import observation_provenance, vision_backend
 from generators.core.folders import default_cache
@@ -132,7 +133,9 @@ def _receivers(key: str, acoustics: AcousticsRecord, hrtf: Path | None) -> Recei
     """
     head, order = acoustics.hrtf, acoustics.ambisonics.order if acoustics.ambisonics else None
     if head is None:
-        return choose_receivers(acoustics.backend, ambisonics=order, array=acoustics.array)
+        found = choose_receivers(acoustics.backend, ambisonics=order, array=acoustics.array)
+        word = next((word for word, split in FAMILIES.items() if acoustics.head and acoustics.head.family == split), "")
+        return replace(found, family=word, chosen=True)
     which = f"the head of {head.asset.removeprefix('hrtf:')} (sha256 {head.sha256[:12]}…)"
     if hrtf is None:
         raise UsageError(f"{key}: heard with {which}; name that file with --hrtf")

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 from avs3d_bench import __version__
 from avs3d_bench.contract import layout
-from avs3d_bench.contract.schema import AcousticsRecord, ArrayRecord, DatasetRecord, ObservationRecord
+from avs3d_bench.contract.schema import AcousticsRecord, ArrayRecord, DatasetRecord, HeadRecord, ObservationRecord
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.text.printable import readable
 from generators.acoustics.receivers import Receivers
@@ -68,7 +68,8 @@ def _options(plan: ObservationPlan, record: ObservationRecord) -> Iterator[tuple
     yield "--frames", str(len(record.frames)), str(plan.camera.frames)
     yield "--size", str(record.intrinsics.width), str(plan.camera.size)
     then, now = _head(acoustics), _chosen_head(asked)
-    if (acoustics.hrtf.sha256 if acoustics.hrtf else "") != asked.hrtf_sha256:
+    measured = acoustics.hrtf.sha256 if acoustics.hrtf else ""
+    if (measured, acoustics.head) != (asked.hrtf_sha256, asked.drawn):
         yield "--hrtf", then, now
     order = acoustics.ambisonics.order if acoustics.ambisonics else 0
     yield "--with ambisonics", _order(order), _order(asked.ambisonics)
@@ -99,13 +100,19 @@ def _order(order: int) -> str:
 
 def _head(acoustics: AcousticsRecord) -> str:
     head = acoustics.hrtf
-    return "none" if head is None else f"{head.asset.removeprefix('hrtf:')}, sha256 {head.sha256[:12]}…"
+    if head is None:
+        return _of_family(acoustics.head)
+    return f"{head.asset.removeprefix('hrtf:')}, sha256 {head.sha256[:12]}…"
 
 
 def _chosen_head(receivers: Receivers) -> str:
-    return (
-        "none" if receivers.hrtf is None else f"{readable(receivers.hrtf.name)}, sha256 {receivers.hrtf_sha256[:12]}…"
-    )
+    if receivers.hrtf is None:
+        return _of_family(receivers.drawn)
+    return f"{readable(receivers.hrtf.name)}, sha256 {receivers.hrtf_sha256[:12]}…"
+
+
+def _of_family(head: HeadRecord | None) -> str:
+    return "none" if head is None else f"a head of the family for {head.family}, radius {head.radius:g} m"
 
 
 def _arrays(then: ArrayRecord | None, now: ArrayRecord | None) -> tuple[str, str]:

@@ -23,7 +23,7 @@ from avs3d_bench.sealing.secret import SECRET_BYTES, CommittedSecret, commit, re
 from generators.manifest.reading import ManifestFile
 from generators.manifest.schema import Manifest
 from generators.observation.sources import check_takes
-from generators.options import GenerateOptions
+from generators.options import GenerateOptions, head_identity
 from generators.plan import make_plans
 from generators.run.generation import generate_plans
 from generators.sampling.excluded import what_they_use
@@ -197,7 +197,7 @@ def settings_of(drawn: ManifestFile, options: GenerateOptions) -> dict[str, Scal
         "with": ",".join(sorted(options.extras)),
         "ambisonics": options.ambisonics,
         "array": options.array is not None,
-        "hrtf_sha256": None if options.hrtf is None else files.sha256_file(options.hrtf),
+        "hrtf_sha256": head_identity(options.hrtf),
         **options.further(),
     }
 

@@ -31,7 +31,7 @@ from avs3d_bench.sealing.seal import (
 from avs3d_bench.sealing.secret import derive
 from generators.backends import observation_provenance
 from generators.manifest.reading import ManifestFile, read_manifest
-from generators.options import EngineOptions, GenerateOptions, further_options
+from generators.options import WORDS, EngineOptions, GenerateOptions, further_options, head_identity
 from generators.plan import ObservationPlan, make_plans
 from generators.run.generation import generate_plans
 from generators.sealing.consistency import Opened, check_consistency
@@ -192,8 +192,9 @@ def _options(seal: SealRecord, again: Again) -> GenerateOptions:
     made: dict[str, Any] = dict(seal.settings)
     hrtf, array = again.options.get("hrtf"), again.options.get("array")
     wanted = made["hrtf_sha256"]
-    if (hrtf and files.sha256_file(hrtf)) != wanted:
+    if head_identity(hrtf or None) != wanted:
         expected = f"--hrtf FILE with the sha256 {wanted}" if wanted else "no --hrtf"
+        expected = f"--hrtf {wanted}" if wanted in WORDS else expected
         raise UsageError(f"the test was sealed with another head; expected {expected}")
     if (array is not None) != made["array"]:
         raise UsageError(f"the test was sealed {'with' if made['array'] else 'without'} an array; see --array")

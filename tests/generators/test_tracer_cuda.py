@@ -92,13 +92,41 @@ def simulated_receivers():
         # Two listeners of three are asked for, each hears every other record.
         owner = (np.arange(len(arrivals)) % 2 * 2).astype(np.int32)
         heard = DeviceRecords(owner, arrivals.time * 343.0, arrivals.direction, arrivals.pressure, len(arrivals), 343.0)
-        found = DeviceEars(ears, 8000)._of_one_length([heard], grids, 3, [2, 0], rotations, [50, 48])
+        # Those of both ears at once, or of one after the other.
+        parts = [heard] if kind else [heard._replace(last_ear=1), heard._replace(first_ear=1)]
+        found = DeviceEars(ears, 8000)._of_one_length(parts, grids, 3, [2, 0], rotations, [50, 48])
         for row, listener, rotation in zip(found, (2, 0), rotations, strict=True):
             own = owner == listener
             part = Arrivals(arrivals.time[own], arrivals.direction[own], arrivals.pressure[own])
             expected = on_host(ears, part, rotation, grids, row.shape[1])
             errors[f"{kind} {listener}"] = float(np.abs(row - expected).max() / np.abs(expected).max())
     return errors
+
+
+def simulated_near():
+    """Runs in the simulator: whether the records of each ear are the arrivals that the CPU gives to it."""
+    from generators.acoustics.tracer.device.trace import DeviceTrace
+    from generators.acoustics.tracer.receivers.near_field import diametral_near_field
+    from generators.acoustics.tracer.tables import Records
+
+    late, near = some_arrivals(), some_arrivals(6)
+    near = Arrivals(near.time + 0.002, near.direction, near.pressure, np.ones(6, dtype=np.bool_))
+    records = Records(np.zeros(len(late), dtype=np.int32), late.time * 343.0, late.direction, late.pressure)
+    trace = DeviceTrace(records, np.arange(len(late)), len(late), np.full(2, 0.004), [Arrivals.none(), near])
+    rotation, got = Pose.from_yaw((0, 0, 0), 0.4).rotation_matrix, []
+
+    def responses(heard, latest, listeners, rotations):
+        got.extend(heard)
+        return []
+
+    field = diametral_near_field()
+    trace.responses(SimpleNamespace(near=field, responses=responses), [1], [rotation])
+    said = [(got[0].first_ear, got[0].last_ear) == (0, 2), len(got) == 3]
+    for ear, part in enumerate(got[1:]):
+        expected, _ = field.heard(near, checked(near, rotation, 8000), ear)
+        said.append((part.first_ear, part.last_ear, part.records) == (ear, ear + 1, 48) and (part.listener == 1).all())
+        said.append(np.array_equal(part.pressure, expected.pressure) and np.allclose(part.path, expected.time))
+    return [bool(each) for each in said]
 
 
 def simulated_arrivals():
@@ -232,6 +260,11 @@ def test_a_thread_keeps_its_last_heads_at_each_sample_rate(monkeypatch):
         session._on_device(head, 44_100)
         assert session._on_device(heads[0], 44_100) is first  # the last ones used are kept
     assert len(session._heads) == session._HEADS
+
+
+@pytest.mark.slow
+def test_each_ear_of_the_device_hears_near_sources_as_on_the_cpu():
+    assert simulated(simulated_near) == [True] * 6
 
 
 def test_heads_are_binaural_receivers_and_ambisonics_are_not():

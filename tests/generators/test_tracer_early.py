@@ -93,6 +93,12 @@ def test_a_screen_hides_what_it_should():
     surfaces, found = images(box_scene((6.0, 4.0, 4.0), label=label(0.2), extra=(screen,)), source, order=1)
     arrivals = early_arrivals(surfaces, found, listener)
     offsets = arrivals.direction * (arrivals.time * SPEED_OF_SOUND)[:, None]
+    # What it hides passes its edges, in the low octaves alone.
+    high, low = (arrivals.pressure[:, k] * np.linalg.norm(offsets, axis=1) for k in (6, 2))
+    hidden = high < 0.05 * low
+    assert 1 <= hidden.sum() <= 3
+    assert low[hidden].max() < 0.4
+    offsets, pressure = offsets[~hidden], arrivals.pressure[~hidden]
     expected = [
         (-3.0, 0.0, 0.0),  # through the screen
         (-3.0, 0.0, -4.0),
@@ -101,8 +107,8 @@ def test_a_screen_hides_what_it_should():
     ]
     assert sorted(np.round(offsets.astype(float), 4).tolist()) == pytest.approx(np.array(sorted(expected)), abs=1e-4)
     distance = np.linalg.norm(offsets, axis=1)
-    assert arrivals.pressure[0] == pytest.approx(wall_gain(2) * air(3.0) / 3.0, rel=1e-5)
-    assert arrivals.pressure[1, KHZ] == pytest.approx(np.sqrt(0.8 * 0.7) * air(5.0)[KHZ] / 5.0, rel=1e-5)
+    assert pressure[0] == pytest.approx(wall_gain(2) * air(3.0) / 3.0, rel=1e-5)
+    assert pressure[1, 7] == pytest.approx(np.sqrt(0.8 * 0.7) * air(5.0)[7] / 5.0, rel=1e-4)
     assert distance[1] == pytest.approx(5.0)
 
 

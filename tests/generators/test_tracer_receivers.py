@@ -289,6 +289,58 @@ def test_the_near_field_of_the_page_is_that_of_duda_and_martens(
     assert right / left == pytest.approx(np.conj(exact[1] / exact[0]), rel=1e-6)
 
 
+@pytest.mark.parametrize("theta", [10, 75, 120, 165])
+@pytest.mark.parametrize("rho", [1.8, 4.0, 30.0])
+def test_the_series_of_a_near_source_is_that_of_duda_and_martens(theta: float, rho: float) -> None:
+    """With the phase: relative to the free field at the centre, as a plane wave."""
+    for mu in (0.1, 1.0, 12.0):
+        exact = duda_martens(math.radians(theta), mu, rho)
+        found = sphere_response([math.radians(theta)], [mu], 1 / rho)[0, 0]
+        assert abs(found) == pytest.approx(abs(exact), rel=1e-5)
+        ahead = duda_martens(0.0, mu, rho) / sphere_response([0.0], [mu], 1 / rho)[0, 0]
+        assert exact / found == pytest.approx(ahead, abs=1e-5)
+
+
+def near_one(distance: float, azimuth: float) -> Arrivals:
+    """The direct sound of a point source."""
+    plain = one(from_azimuth(azimuth), time=distance / SPEED_OF_SOUND, pressure=1 / distance)
+    return Arrivals(plain.time, plain.direction, plain.pressure, np.array([True]))
+
+
+@pytest.mark.parametrize("distance", [0.3, 0.42, 1.0, 2.9, 7.0])
+def test_near_sources_reach_both_ears_as_those_of_a_rigid_sphere(distance: float) -> None:
+    rho = distance / HEAD_RADIUS
+    for azimuth in (-90, -35, 0, 20, 65, 130):
+        response = SphericalHead().response(near_one(distance, azimuth), UPRIGHT, RATE)
+        for middle in BANDS[2:]:
+            frequencies = np.linspace(middle / math.sqrt(2), middle * math.sqrt(2), 12)
+            found = spectrum(response, frequencies) * distance
+            exact = np.empty((2, len(frequencies)), dtype=np.complex128)
+            for ear, side in enumerate((1, -1)):
+                for k, mu in enumerate(2 * np.pi * frequencies * HEAD_RADIUS / SPEED_OF_SOUND):
+                    common = sphere_response([0.0], [mu], 1 / rho)[0, 0] / duda_martens(0.0, mu, rho)
+                    at = duda_martens(math.radians(90 + side * azimuth), mu, rho) * common
+                    exact[ear, k] = at * np.exp(-1j * mu * rho)
+            level = 10 * np.log10(np.mean(np.abs(found) ** 2, axis=1) / np.mean(np.abs(exact) ** 2, axis=1))
+            assert np.abs(level).max() < (0.3 if middle < 8000 else 0.45), f"{azimuth}°, {middle} Hz: {level.round(2)}"
+            late = np.angle(np.sum(exact * np.conj(found), axis=1)) / (2 * np.pi * middle)
+            assert np.abs(late).max() < 6e-6, f"{azimuth}°, {middle} Hz: off by {late * 1e6} µs"
+
+
+def test_no_step_at_any_distance_and_a_far_source_is_a_plane_wave() -> None:
+    distances = np.array([0.1, 0.149, 0.151, *np.geomspace(0.2, 12, 200)])
+    levels = []
+    for distance in distances:
+        response = SphericalHead().response(near_one(distance, 70), UPRIGHT, RATE)
+        levels.append(10 * np.log10(np.sum(response.astype(np.float64) ** 2, axis=1)) + 20 * np.log10(distance))
+    steps = np.abs(np.diff(levels, axis=0))
+    assert steps[3:].max() < 0.2
+    assert steps[1].max() < 0.2  # below a head's width nothing more changes
+    far, plane = near_one(400.0, 70), one(from_azimuth(70), time=400 / SPEED_OF_SOUND, pressure=1 / 400)
+    heard, expected = (SphericalHead().response(each, UPRIGHT, RATE) for each in (far, plane))
+    assert np.linalg.norm(heard - expected) < 0.01 * np.linalg.norm(expected)
+
+
 ANGLES = [(azimuth, 0) for azimuth in range(-180, 180, 15)] + [(20, 35), (-65, -40), (100, 60), (0, 90), (0, -90)]
 
 

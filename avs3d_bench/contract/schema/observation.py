@@ -164,6 +164,31 @@ class HrtfRecord(LicenceRecord):
         return AttributionRecord(asset=self.asset, name=self.name, author=self.author, source=self.source)
 
 
+class ResonanceRecord(Record):
+    """A notch or a resonance of a pinna."""
+
+    frequency: Positive = Field(description="Hz, straight ahead")
+    gain_db: float = Field(description="dB, negative for a notch; of a notch, where it is deepest")
+    width: Positive = Field(description="as a share of the frequency")
+    rise: float = Field(description="of the frequency, from straight ahead to overhead, as a share of it")
+
+
+class HeadRecord(Record):
+    """A head of the parametric family: a rigid sphere with ears off its diameter, and pinnae.
+
+    Both ears mirror each other. There is no torso.
+    """
+
+    family: Literal["train", "test"] = Field(description="which heads it is among: no head is among both")
+    radius: Positive = Field(description="of the sphere, metres")
+    ear_azimuth: float = Field(description="of the right ear, degrees from straight ahead")
+    ear_elevation: float = Field(description="of the ears, degrees")
+    notches: Annotated[tuple[ResonanceRecord, ...], Field(min_length=1)]
+    peaks: tuple[ResonanceRecord, ...]
+    back_shift: float = Field(description="of the notches' frequencies from ahead to behind, as a share of them")
+    back_loss_db: NonNegative = Field(description="dB that high frequencies lose behind")
+
+
 class AmbisonicsRecord(Record):
     """The channels of ``audio_clips_ambisonics/``.
 
@@ -211,10 +236,11 @@ class ArrayRecord(Record):
 class AcousticsRecord(Record):
     """The acoustic simulation that made the clips.
 
-    ``hrtf``, ``ambisonics`` and ``array`` are absent where the engine's own head heard the sound, and nothing else did.
+    ``hrtf``, ``head``, ``ambisonics`` and ``array`` are absent where the engine's own head heard the sound, and nothing
+    else did.
     """
 
-    left_out: ClassVar[frozenset[str]] = frozenset({"hrtf", "ambisonics", "array"})
+    left_out: ClassVar[frozenset[str]] = frozenset({"hrtf", "head", "ambisonics", "array"})
 
     backend: Text
     version: Text
@@ -226,6 +252,7 @@ class AcousticsRecord(Record):
     t30: Positive | None = Field(default=None, description="reverberation time of the room, seconds (ISO 3382-2)")
     notes: str = ""
     hrtf: HrtfRecord | None = Field(default=None, description="the measured head, if a SOFA file was given")
+    head: HeadRecord | None = Field(default=None, description="the head, if it is one of the parametric family")
     ambisonics: AmbisonicsRecord | None = Field(default=None, description="of audio_clips_ambisonics/, if it is there")
     array: ArrayRecord | None = Field(default=None, description="of audio_clips_array/, if it is there")
 

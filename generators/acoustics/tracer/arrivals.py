@@ -26,11 +26,15 @@ class Arrivals:
             from.
         pressure: (n, 8) float32, signed amplitude in each octave of `BANDS` relative to a point source with amplitude 1
             at 1 m: the direct sound at r metres has 1/r in all octaves, times the absorption of the air.
+        spherical: (n,) whether the wave front is a sphere about a point that is as far away as the sound has travelled
+            (the source or an image of it), so that a receiver that is not small hears it differently from near by;
+            the others count as plane. None: all are plane.
     """
 
     time: NDArray[np.float64]
     direction: NDArray[np.float32]
     pressure: NDArray[np.float32]
+    spherical: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         """Check that the three arrays belong together.
@@ -44,6 +48,8 @@ class Arrivals:
                 f"arrivals: time {self.time.shape}, direction {self.direction.shape}, pressure {self.pressure.shape}; "
                 f"expected (n,), (n, 3), (n, {len(BANDS)})"
             )
+        if self.spherical is not None and self.spherical.shape != (count,):
+            raise ValueError(f"arrivals: spherical {self.spherical.shape}, expected ({count},)")
 
     def __len__(self) -> int:
         """Number of arrivals."""
@@ -53,6 +59,11 @@ class Arrivals:
     def energy(self) -> NDArray[np.float64]:
         """(8,) sum of squared pressures per octave; 1/r² for the direct sound alone."""
         return np.asarray(np.sum(np.square(self.pressure, dtype=np.float64), axis=0))
+
+    @property
+    def is_spherical(self) -> NDArray[np.bool_]:
+        """(n,) `spherical`, false where it is missing."""
+        return np.zeros(len(self), dtype=np.bool_) if self.spherical is None else self.spherical
 
     @classmethod
     def none(cls) -> Arrivals:
@@ -68,4 +79,5 @@ class Arrivals:
             np.concatenate([part.time for part in parts]),
             np.concatenate([part.direction for part in parts]),
             np.concatenate([part.pressure for part in parts]),
+            np.concatenate([part.is_spherical for part in parts]),
         )

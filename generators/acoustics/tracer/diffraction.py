@@ -176,7 +176,9 @@ def _arrivals(edges: Edges, e: int, cells: F64, least: float, taper: float, list
     distance = least + SPEED_OF_SOUND * (starts + np.where(used > 0, length / 2, 0.0))
     heard = length[:, None] * np.array(BANDS) < _COHERENT
     pressure = amplitude[:, None] * heard * np.exp(-0.5 * np.outer(distance, energy_exponents()))
-    return Arrivals(distance / SPEED_OF_SOUND, direction.astype(np.float32), pressure.astype(np.float32))
+    # On the shadow's boundary it continues the direct sound, whose wave front is a sphere about the source.
+    spherical = np.ones(len(distance), dtype=np.bool_)
+    return Arrivals(distance / SPEED_OF_SOUND, direction.astype(np.float32), pressure.astype(np.float32), spherical)
 
 
 @njit

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.tracer.air import energy_exponents
 from generators.acoustics.tracer.arrivals import Arrivals
-from generators.acoustics.tracer.kernels import NEAREST, crossings, specular_planes, visible_images
+from generators.acoustics.tracer.image_paths import visible_images
+from generators.acoustics.tracer.kernels import NEAREST, crossings, specular_planes
 from generators.acoustics.tracer.rays import ray_directions
 from generators.acoustics.tracer.surfaces import AcousticSurfaces, scratch
 from generators.acoustics.tracer.transmission import MOST_WALLS, wall_gain
@@ -157,13 +158,17 @@ def _keys(sequences: I32, planes: int) -> NDArray[np.int64]:
 def early_arrivals(surfaces: AcousticSurfaces, images: Images, listener: F64) -> Arrivals:
     """Direct sound (or what walls let through of it) and specular reflections at ``listener`` (3,)."""
     nodes, entries = scratch()
-    between = crossings(surfaces.mesh, listener, images.source, MOST_CROSSINGS, nodes, entries)
+    hidden, shares = np.empty(8), np.empty((3, 8))
+    between = crossings(
+        surfaces.mesh, surfaces.rims, listener, images.source, MOST_CROSSINGS, hidden, shares[0], nodes, entries
+    )
     visible = np.zeros(len(images.sequences), dtype=np.bool_)
+    weight = np.zeros((len(visible), 8), dtype=np.float32)
     if len(visible):
         visible_images(
             surfaces.mesh,
+            surfaces.rims,
             surfaces.plane_equation,
-            surfaces.plane_bounds,
             listener,
             images.source,
             images.sequences,
@@ -171,15 +176,22 @@ def early_arrivals(surfaces: AcousticSurfaces, images: Images, listener: F64) ->
             0,
             len(visible),
             visible,
-            np.empty((images.sequences.shape[1], 3)),
+            weight,
+            np.empty((images.sequences.shape[1], 4)),
+            shares,
             nodes,
             entries,
         )
-    return heard_images(images, listener[None], visible[None], np.array([between]))[0]
+    return heard_images(images, listener[None], visible[None], weight[None], np.array([between]), hidden[None])[0]
 
 
 def heard_images(
-    images: Images, listeners: F64, visible: NDArray[np.bool_], between: NDArray[np.int64]
+    images: Images,
+    listeners: F64,
+    visible: NDArray[np.bool_],
+    weight: NDArray[np.float32],
+    between: NDArray[np.int64],
+    hidden: F64,
 ) -> list[Arrivals]:
     """The early arrivals of each listener.
 
@@ -187,17 +199,30 @@ def heard_images(
         images: candidates.
         listeners: (L, 3) metres.
         visible: (L, S) whether the path of each image source exists.
+        weight: (L, S, 8) how much of it, per octave.
         between: (L,) number of surfaces between source and listener, counted up to `MOST_CROSSINGS`.
+        hidden: (L, 8) how far the source is behind them (see `crossings`).
     """
     count = len(listeners)
     owner, image = np.nonzero(visible)
     groups = int(images.group.max(initial=0)) + 1
-    _, once = np.unique(owner * groups + images.group[image], return_index=True)
-    once.sort()
+    _, once, number = np.unique(owner * groups + images.group[image], return_index=True, return_inverse=True)
+    # Images of one position are one sound, of which their surfaces carry one part each; on an edge, all of it each.
+    carried = weight[owner, image].astype(np.float64)
+    parts, whole = np.zeros((2, len(once), 8))
+    np.add.at(parts, number.reshape(-1), carried * images.gain[image])
+    np.add.at(whole, number.reshape(-1), carried)
+    parts /= np.maximum(whole, 1.0)
+    order = np.argsort(once)
+    once, parts = once[order], parts[order]
     owner, image = owner[once], image[once]
-    direct = np.array([np.ones(8) if surfaces == 0 else wall_gain(int(surfaces)) for surfaces in between])
+    through = [
+        np.ones(8) if surfaces == 0 else wall_gain(int(surfaces)) * depth
+        for surfaces, depth in zip(between, hidden, strict=True)
+    ]
+    direct = np.array(through)
     owner = np.concatenate([np.arange(count), owner])
-    gain = np.concatenate([direct.reshape(-1, 8), images.gain[image]])
+    gain = np.concatenate([direct.reshape(-1, 8), parts])
     positions = np.concatenate([np.broadcast_to(images.source, (count, 3)), images.last[image]])
     used = gain.any(axis=1)
     owner, gain = owner[used], gain[used]
@@ -211,4 +236,5 @@ def heard_images(
     direction, pressure = direction[order].astype(np.float32), pressure[order].astype(np.float32)
     ends = np.cumsum(np.bincount(owner, minlength=count))
     spans = [slice(first, last) for first, last in zip([0, *ends[:-1]], ends, strict=True)]
-    return [Arrivals(time[span], direction[span], pressure[span]) for span in spans]
+    spherical = np.ones(len(time), dtype=np.bool_)
+    return [Arrivals(time[span], direction[span], pressure[span], spherical[span]) for span in spans]

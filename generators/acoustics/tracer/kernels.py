@@ -11,8 +11,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from generators.acoustics.tracer.fading import (
+    ANY,
+    carried,
+    zone_variance,
+)
 from generators.acoustics.tracer.philox import philox4x32, uniform
-from generators.acoustics.tracer.tables import Listeners, MeshTables, Records, TraceLimits
+from generators.acoustics.tracer.tables import Listeners, MeshTables, Records, Rims, TraceLimits
 from generators.core.jit import inline, njit
 
 F32 = NDArray[np.float32]
@@ -34,10 +39,12 @@ FAR = 1e30
 NEAREST = 0.1
 #: Octave bands.
 _BANDS = 8
+#: A source is fully behind a surface that hides ½ + ½/`_BEHIND` of it: a third of the zone's width from the edge.
+_BEHIND = 4.0
 #: Purpose of random numbers: third word of the counter.
 LATE, RAIN = 0, 1
 #: Triangles of one mirror plane lie in it to within this distance (m).
-_SAME_PLANE = 1e-3
+SAME_PLANE = 1e-3
 _ZERO, _ONE = np.uint64(0), np.uint64(1)
 
 
@@ -166,8 +173,16 @@ def closest_hits(
 
 
 @njit
-def crossings(mesh: MeshTables, a: F64, b: F64, most: int, stack: I32, entries: F64) -> int:
-    """Number of surfaces between the points ``a`` and ``b`` (3,), their ends excepted; counts up to ``most``."""
+def crossings(
+    mesh: MeshTables, rims: Rims, a: F64, b: F64, most: int, hidden: F64, share: F64, stack: I32, entries: F64
+) -> int:
+    """Number of surfaces between the points ``a`` and ``b`` (3,), their ends excepted; counts up to ``most``.
+
+    ``hidden`` (8,) becomes how far the line is behind them: 0 on the edge of a surface, where the diffracted sound is
+    continuous with the direct one, 1 a little away from it. ``share`` (8,) is scratch.
+    """
+    for k in range(_BANDS):
+        hidden[k] = 0.0
     dx, dy, dz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     length = math.sqrt(dx * dx + dy * dy + dz * dz)
     if length <= 2.0 * OFFSET:
@@ -178,25 +193,22 @@ def crossings(mesh: MeshTables, a: F64, b: F64, most: int, stack: I32, entries: 
         left = length - OFFSET - at
         if left <= 0.0:
             break
-        t, hit = closest(
-            mesh.bounds,
-            mesh.links,
-            mesh.corners,
-            a[0] + at * dx,
-            a[1] + at * dy,
-            a[2] + at * dz,
-            dx,
-            dy,
-            dz,
-            left,
-            False,
-            stack,
-            entries,
-        )
+        x, y, z = a[0] + at * dx, a[1] + at * dy, a[2] + at * dz
+        t, hit = closest(mesh.bounds, mesh.links, mesh.corners, x, y, z, dx, dy, dz, left, False, stack, entries)
         if hit < 0:
             break
         count += 1
-        at += t + OFFSET
+        at += t
+        q = mesh.plane[hit]
+        variance = zone_variance(at, length - at)
+        x, y, z = a[0] + at * dx, a[1] + at * dy, a[2] + at * dz
+        if q >= 0 and rims.is_open[q] and carried(rims, q, ANY, x, y, z, dx, dy, dz, variance, share):
+            for k in range(_BANDS):
+                hidden[k] = max(hidden[k], min(_BEHIND * (2.0 * share[k] - 1.0), 1.0))
+        else:
+            for k in range(_BANDS):
+                hidden[k] = 1.0
+        at += OFFSET
     return count
 
 
@@ -263,7 +275,7 @@ def specular_planes(
 
 
 @inline
-def _meets_plane(
+def meets_plane(
     bounds: F64,
     links: I32,
     corners: F64,
@@ -295,117 +307,6 @@ def _meets_plane(
             stack[top], stack[top + 1] = first, first + 1
             top += 2
     return False
-
-
-@njit
-def visible_images(
-    mesh: MeshTables,
-    plane_equation: F64,
-    plane_bounds: F64,
-    listener: F64,
-    source: F64,
-    sequences: I32,
-    images: F64,
-    first: int,
-    last: int,
-    visible: NDArray[np.bool_],
-    points: F64,
-    stack: I32,
-    entries: F64,
-) -> None:
-    """Whether the path of each image source to a listener exists: points on the right surfaces, all legs free.
-
-    Args:
-        mesh: the triangles.
-        plane_equation: (P, 4) unit normal and offset of the mirror planes, n·x = o.
-        plane_bounds: (P, 6) lowest and highest corner of each plane's triangles.
-        listener: (3,).
-        source: (3,).
-        sequences: (S, K) planes in the order in which the sound meets them, −1 behind the last.
-        images: (S, K, 3) images of the source after 1 … K reflections.
-        first: the first sequence to look at.
-        last: the sequence at which to stop.
-        visible: (S,) filled in from ``first`` to ``last``.
-        points: (K, 3) scratch.
-        stack: scratch of the traversal.
-        entries: scratch of the traversal.
-    """
-    bounds, links, corners, plane = mesh.bounds, mesh.links, mesh.corners, mesh.plane
-    for s in range(first, last):
-        visible[s] = False
-        order = 0
-        while order < sequences.shape[1] and sequences[s, order] >= 0:
-            order += 1
-        # Backwards from the listener: where the line to the image meets the plane, if it is near one of its triangles.
-        x, y, z = listener[0], listener[1], listener[2]
-        possible = True
-        for k in range(order - 1, -1, -1):
-            p = sequences[s, k]
-            a, b, c, o = plane_equation[p, 0], plane_equation[p, 1], plane_equation[p, 2], plane_equation[p, 3]
-            here = a * x + b * y + c * z - o
-            there = a * images[s, k, 0] + b * images[s, k, 1] + c * images[s, k, 2] - o
-            # On the plane already: a path by way of an edge, with two reflections in one point.
-            on_plane = abs(here) < 1e-9
-            if not on_plane and here * there >= 0.0:
-                possible = False
-                break
-            share = 0.0 if on_plane else here / (here - there)
-            x += share * (images[s, k, 0] - x)
-            y += share * (images[s, k, 1] - y)
-            z += share * (images[s, k, 2] - z)
-            if not (
-                plane_bounds[p, 0] - _SAME_PLANE <= x <= plane_bounds[p, 3] + _SAME_PLANE
-                and plane_bounds[p, 1] - _SAME_PLANE <= y <= plane_bounds[p, 4] + _SAME_PLANE
-                and plane_bounds[p, 2] - _SAME_PLANE <= z <= plane_bounds[p, 5] + _SAME_PLANE
-            ):
-                possible = False
-                break
-            points[k, 0], points[k, 1], points[k, 2] = x, y, z
-        if not possible:
-            continue
-        x, y, z = listener[0], listener[1], listener[2]
-        for k in range(order - 1, -2, -1):
-            tx, ty, tz = source[0], source[1], source[2]
-            if k >= 0:
-                tx, ty, tz = points[k, 0], points[k, 1], points[k, 2]
-            dx, dy, dz = tx - x, ty - y, tz - z
-            length = math.sqrt(dx * dx + dy * dy + dz * dz)
-            if length < 1e-9:
-                continue
-            dx, dy, dz = dx / length, dy / length, dz / length
-            # Away from the surface of the last reflection.
-            start = min(_SAME_PLANE, 0.5 * length) if k < order - 1 else OFFSET
-            sx, sy, sz = x + start * dx, y + start * dy, z + start * dz
-            left = length - start
-            if k >= 0:
-                t, hit = closest(
-                    bounds, links, corners, sx, sy, sz, dx, dy, dz, left + _SAME_PLANE, False, stack, entries
-                )
-                if hit < 0 or t < left - _SAME_PLANE:
-                    possible = False
-                elif plane[hit] != sequences[s, k]:  # on an edge, or two surfaces in one place
-                    possible = _meets_plane(
-                        bounds,
-                        links,
-                        corners,
-                        plane,
-                        sequences[s, k],
-                        sx,
-                        sy,
-                        sz,
-                        dx,
-                        dy,
-                        dz,
-                        left + _SAME_PLANE,
-                        stack,
-                    )
-            elif left > OFFSET:
-                _, hit = closest(bounds, links, corners, sx, sy, sz, dx, dy, dz, left - OFFSET, True, stack, entries)
-                possible = hit < 0
-            if not possible:
-                break
-            x, y, z = tx, ty, tz
-        visible[s] = possible
 
 
 @inline

@@ -12,7 +12,8 @@ from generators.acoustics.geometry import AcousticMesh
 from generators.acoustics.materials import material_for, triangle_areas
 from generators.acoustics.tracer.edges import Edges, edges_of
 from generators.acoustics.tracer.kernels import FAR, closest_hits
-from generators.acoustics.tracer.tables import MeshTables
+from generators.acoustics.tracer.rims import rims_of
+from generators.acoustics.tracer.tables import MeshTables, Rims
 from generators.core.bvh import STACK, build
 
 F64 = NDArray[np.float64]
@@ -32,17 +33,17 @@ class AcousticSurfaces:
     Attributes:
         mesh: the tree and its triangles.
         plane_equation: (P, 4) unit normal n and offset o of the mirror planes, n·x = o.
-        plane_bounds: (P, 6) lowest and highest corner of each plane's triangles.
         plane_material: (P,) int32.
         plane_area: (P,) m².
+        rims: of the mirror planes.
         edges: that diffract.
     """
 
     mesh: MeshTables
     plane_equation: F64
-    plane_bounds: F64
     plane_material: NDArray[np.int32]
     plane_area: F64
+    rims: Rims
     edges: Edges
 
     @property
@@ -98,7 +99,9 @@ def surfaces_of(mesh: AcousticMesh) -> AcousticSurfaces:
     )
     _, first = np.unique(plane[plane >= 0], return_index=True)
     area = np.bincount(plane[plane >= 0], triangle_areas(triangles)[plane >= 0], planes).astype(np.float64)
-    return AcousticSurfaces(tables, equation, bounds, material[plane >= 0][first], area, edges_of(mesh))
+    return AcousticSurfaces(
+        tables, equation, material[plane >= 0][first], area, rims_of(tables, equation, bounds), edges_of(mesh)
+    )
 
 
 def _mirror_planes(

@@ -38,6 +38,29 @@ class MeshTables(NamedTuple):
     mean_scattering: F64
 
 
+class Rims(NamedTuple):
+    """The outlines of the mirror planes.
+
+    Attributes:
+        first: (P + 1,) int32, where the outline of each plane begins in what follows.
+        ends: (E, 6) both ends of an edge, m; counterclockwise about the plane's normal.
+        ends_surface: (E, 3) bool, whether the surface ends there, seen from the normal's side, from the other side,
+            and from any of them; it does not where it meets another one in a corner.
+        normal: (P, 3) unit normals of the planes.
+        bounds: (P, 6) lowest and highest corner of each plane's triangles, m.
+        is_open: (P,) bool, whether an edge ends the plane.
+        open_planes: int32, the numbers of those.
+    """
+
+    first: I32
+    ends: F64
+    ends_surface: NDArray[np.bool_]
+    normal: F64
+    bounds: F64
+    is_open: NDArray[np.bool_]
+    open_planes: I32
+
+
 class TraceLimits(NamedTuple):
     """Where a ray ends, and how it is reflected.
 

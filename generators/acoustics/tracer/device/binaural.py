@@ -27,6 +27,7 @@ from generators.acoustics.tracer.device.ears import SPHERE, Ears
 from generators.acoustics.tracer.device.fft import factors, transform
 from generators.acoustics.tracer.receivers.gridding import FRACTIONS, TAPS, Grids, window_table
 from generators.acoustics.tracer.receivers.measured import PLANE_WIDTH, STEP
+from generators.acoustics.tracer.receivers.near_field import NearField
 from generators.acoustics.tracer.receivers.spherical import STEPS
 from generators.acoustics.tracer.receivers.synthesis import TAIL, checked, grids_of_length
 from generators.core.cuda import allocate, in_batches, is_simulated, kernel, launch, upload
@@ -65,6 +66,8 @@ class DeviceRecords(NamedTuple):
         pressure: (C, 8) float32.
         records: their number; the arrays may be longer.
         per_second: what ``path`` counts in a second: the speed of sound if it is metres, 1 if it is seconds.
+        first_ear: that hears them, 0 (left) or 1 (right).
+        last_ear: 1 more than the last ear that hears them.
     """
 
     listener: Any
@@ -73,6 +76,8 @@ class DeviceRecords(NamedTuple):
     pressure: Any
     records: int
     per_second: float
+    first_ear: int = 0
+    last_ear: int = 2
 
 
 class _OctaveLayout(NamedTuple):
@@ -177,7 +182,7 @@ def _spread(  # pragma: no cover  # compiled
         y = dx * rotations[r, 0, 1] + dy * rotations[r, 1, 1] + dz * rotations[r, 2, 1]
         z = dx * rotations[r, 0, 2] + dy * rotations[r, 1, 2] + dz * rotations[r, 2, 2]
         node = _grid_node(x, y, z)
-    for ear in range(2):
+    for ear in range(heard.first_ear, heard.last_ear):
         if kind == SPHERE:
             index, delay = _sphere_ear(x, ear)
         else:
@@ -366,6 +371,11 @@ class DeviceEars:
         self._window = upload(window_table(), "tables of a receiver")
         self._lengths: OrderedDict[int, _Tables] = OrderedDict()
         self._together = 1 if is_simulated() else _TOGETHER
+
+    @property
+    def near(self) -> NearField | None:
+        """See `Ears.near`."""
+        return self._ears.near
 
     def responses(
         self, heard: Sequence[DeviceRecords], latest: F64, listeners: Sequence[int], rotations: Sequence[F64]

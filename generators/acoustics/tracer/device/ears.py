@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generators.acoustics.tracer.receivers.basis import DirectionalBasis
+from generators.acoustics.tracer.receivers.near_field import NearField
 
 #: How directions are tabulated: over the angle of incidence on a sphere, or on a grid of azimuth and elevation.
 SPHERE, GRID = 0, 1
@@ -24,6 +25,7 @@ class Ears:
         first_row: row of the weights at which those of the right ear begin; those of the left begin at 0.
         residual: (2, K) s, delays of a `GRID` beyond those of a plane wave; (2, 1), unused, of a `SPHERE`.
         reach: largest delay relative to the head's centre, s.
+        near: what a near source adds, which the host applies; None: nothing.
     """
 
     kind: int
@@ -31,6 +33,7 @@ class Ears:
     first_row: int
     residual: NDArray[np.float64]
     reach: float
+    near: NearField | None = None
 
 
 @runtime_checkable

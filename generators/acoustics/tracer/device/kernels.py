@@ -14,6 +14,7 @@ from typing import Any
 import numba.cuda
 import numpy as np
 
+from generators.acoustics.tracer.image_paths import visible_images
 from generators.acoustics.tracer.kernels import (
     FAR,
     OFFSET,
@@ -26,7 +27,6 @@ from generators.acoustics.tracer.kernels import (
     reflect_late,
     scatter_rain,
     specular_planes,
-    visible_images,
     write_passage,
     write_record,
 )
@@ -55,36 +55,39 @@ def search(mesh: Any, source: Any, directions: Any, planes: Any) -> None:  # pra
 @kernel
 def visibility(  # pragma: no cover  # compiled
     mesh: Any,
+    rims: Any,
     plane_equation: Any,
-    plane_bounds: Any,
     listeners: Any,
     source: Any,
     sequences: Any,
     images: Any,
     visible: Any,
+    weight: Any,
 ) -> None:
-    """`visible_images` into ``visible`` (L, S), one thread per listener and image source."""
+    """`visible_images` into ``visible`` (L, S) and ``weight`` (L, S, 8), one thread per listener and image source."""
     i = cuda.grid(1)
     if i < visible.shape[0] * visible.shape[1]:
         stack, entries = cuda.local.array(STACK, np.int32), cuda.local.array(STACK, np.float64)
-        points = cuda.local.array((_MOST_ORDER, 3), np.float64)
+        points = cuda.local.array((_MOST_ORDER, 4), np.float64)
+        shares = cuda.local.array((3, _BANDS), np.float64)
         j = i // visible.shape[1]
         s = i - j * visible.shape[1]
         visible_images(
-            mesh, plane_equation, plane_bounds, listeners[j], source, sequences, images, s, s + 1, visible[j], points,
-            stack, entries,
+            mesh, rims, plane_equation, listeners[j], source, sequences, images, s, s + 1, visible[j], weight[j],
+            points, shares, stack, entries,
         )  # fmt: skip
 
 
 @kernel
 def walls_between(  # pragma: no cover  # compiled
-    mesh: Any, listeners: Any, source: Any, most: int, between: Any
+    mesh: Any, rims: Any, listeners: Any, source: Any, most: int, between: Any, hidden: Any
 ) -> None:
-    """`crossings` into ``between`` (L,), one thread per listener."""
+    """`crossings` into ``between`` (L,) and ``hidden`` (L, 8), one thread per listener."""
     j = cuda.grid(1)
     if j < between.shape[0]:
         stack, entries = cuda.local.array(STACK, np.int32), cuda.local.array(STACK, np.float64)
-        between[j] = crossings(mesh, listeners[j], source, most, stack, entries)
+        share = cuda.local.array(_BANDS, np.float64)
+        between[j] = crossings(mesh, rims, listeners[j], source, most, hidden[j], share, stack, entries)
 
 
 @kernel

@@ -47,7 +47,7 @@ class DeviceScene:
         self._surfaces, self._settings = surfaces, settings
         self._mesh = upload(surfaces.mesh, "the surfaces of the scene")
         self._equation = upload(surfaces.plane_equation, "the surfaces of the scene")
-        self._bounds = upload(surfaces.plane_bounds, "the surfaces of the scene")
+        self._rims = upload(surfaces.rims, "the surfaces of the scene")
         self._directions = upload(ray_directions(rays, settings.seed, LATE), "the rays")
         self._rained = settings.rain_rays if settings.rain_order else 0
         self._rain_directions = upload(ray_directions(max(self._rained, 1), settings.seed, RAIN), "the rays")
@@ -77,16 +77,20 @@ class DeviceScene:
         heads, source = len(listeners), upload(images.source)
         places = upload(np.ascontiguousarray(listeners))
         visible = np.zeros((heads, len(images.sequences)), dtype=np.bool_)
+        weight = np.zeros((*visible.shape, 8), dtype=np.float32)
         seen = allocate(visible.shape if visible.size else (1, 1), np.bool_, "visible images")
+        carried = allocate(weight.shape if visible.size else (1, 1, 8), np.float32, "visible images")
         launch(
-            kernels.visibility, visible.size, self._mesh, self._equation, self._bounds, places, source,
-            upload(images.sequences), upload(images.positions), seen,
+            kernels.visibility, visible.size, self._mesh, self._rims, self._equation, places, source,
+            upload(images.sequences), upload(images.positions), seen, carried,
         )  # fmt: skip
-        between = allocate(heads, np.int64)
-        launch(kernels.walls_between, heads, self._mesh, places, source, MOST_CROSSINGS, between)
+        between, hidden = allocate(heads, np.int64), allocate((heads, 8), np.float64)
+        launch(
+            kernels.walls_between, heads, self._mesh, self._rims, places, source, MOST_CROSSINGS, between, hidden
+        )  # fmt: skip
         if visible.size:
-            visible = seen.copy_to_host()
-        walls = between.copy_to_host()
+            visible, weight = seen.copy_to_host(), carried.copy_to_host()
+        walls, depth = between.copy_to_host(), hidden.copy_to_host()
         around = upload(discs(self._surfaces, listeners, self._settings.radius))
         known = upload(images.keys)
 
@@ -112,7 +116,7 @@ class DeviceScene:
 
         room = max(int(_ROOM * self._expected * heads), 1024)
         records, ranks, latest, count = start(room)
-        early = heard_images(images, listeners, visible, walls)
+        early = heard_images(images, listeners, visible, weight, walls, depth)
         early = [Arrivals.joined(pair) for pair in zip(early, others(listeners), strict=True)]
         found = int(count.copy_to_host()[0])
         if found > room:
@@ -156,18 +160,27 @@ class DeviceTrace:
 
     def responses(self, ears: DeviceEars, listeners: list[int], rotations: list[F64]) -> list[F32]:
         """See `DeviceEars.responses`."""
-        wanted = sorted(set(listeners))
-        parts = [self.early[j] for j in wanted]
-        owner = np.repeat(np.array(wanted, dtype=np.int32), [len(part) for part in parts])
-        joined = Arrivals.joined(parts)
         own = self.records
         heard = [DeviceRecords(own.listener, own.path, own.direction, own.pressure, self.count, SPEED_OF_SOUND)]
-        if len(joined):
-            heard.append(
-                DeviceRecords(
-                    upload(owner), upload(joined.time), upload(joined.direction), upload(joined.pressure),
-                    len(joined), 1.0,
-                )
-            )  # fmt: skip
+        if ears.near is None:
+            heard += _uploaded({j: self.early[j] for j in listeners}, 0, 2)
+        else:
+            for ear in (0, 1):
+                parts = {}
+                for j, rotation in zip(listeners, rotations, strict=True):
+                    turned = np.einsum("ij,jk->ik", self.early[j].direction.astype(np.float64), rotation)
+                    parts[j] = ears.near.heard(self.early[j], turned, ear)[0]
+                heard += _uploaded(parts, ear, ear + 1)
         last = np.maximum(self.last, [part.time.max(initial=0.0) for part in self.early])
         return ears.responses(heard, last, listeners, rotations)
+
+
+def _uploaded(arrivals: dict[int, Arrivals], first_ear: int, last_ear: int) -> list[DeviceRecords]:
+    """The arrivals of listeners on the device; no record without any arrival."""
+    owner = np.repeat(np.array(list(arrivals), dtype=np.int32), [len(part) for part in arrivals.values()])
+    joined = Arrivals.joined(list(arrivals.values()))
+    if not len(joined):
+        return []
+    columns: list[Any] = [upload(each) for each in (owner, joined.time, joined.direction, joined.pressure)]
+    listener, time, direction, pressure = columns
+    return [DeviceRecords(listener, time, direction, pressure, len(joined), 1.0, first_ear, last_ear)]

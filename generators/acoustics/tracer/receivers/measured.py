@@ -32,6 +32,7 @@ from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.tracer.arrivals import Arrivals
 from generators.acoustics.tracer.device.ears import GRID, Ears
 from generators.acoustics.tracer.receivers.basis import Components, DirectionalBasis, directional_basis
+from generators.acoustics.tracer.receivers.near_field import NearField
 from generators.acoustics.tracer.receivers.sofa import HrirSet, read_hrirs
 from generators.acoustics.tracer.receivers.sphere import sphere_coefficients
 from generators.acoustics.tracer.receivers.sphere_mesh import SphereMesh
@@ -85,24 +86,25 @@ class _Table:
     basis: DirectionalBasis
 
 
-class SofaHead:
-    """The head of a SOFA file (SimpleFreeFieldHRIR), at any sample rate.
+class HrirHead:
+    """The head that a set of responses describes, at any sample rate.
 
     Args:
-        path: of the file.
+        hrirs: the responses.
+        where: what they come from, for messages.
+        near: what near sources add; None: responses of all distances are those of the set.
 
     Raises:
-        Avs3dError: one line; see `read_hrirs` and `SphereMesh.of`.
+        Avs3dError: one line; see `SphereMesh.of`.
     """
 
     channels = 2
     channel_names = ("left", "right")
 
-    def __init__(self, path: str | Path) -> None:
-        self._hrirs = read_hrirs(path)
-        self._path = Path(path)
-        self._mesh = SphereMesh.of(self._hrirs.directions, path)
-        self._calibration = _calibrated(self._hrirs, self._mesh, self._path)
+    def __init__(self, hrirs: HrirSet, where: object, near: NearField | None = None) -> None:
+        self._hrirs, self._near = hrirs, near
+        self._mesh = SphereMesh.of(hrirs.directions, where)
+        self._calibration = _calibrated(hrirs, self._mesh, where)
         self._tables: dict[int, _Table] = {}
 
     @property
@@ -116,34 +118,23 @@ class SofaHead:
         table = self._table(sample_rate)
         samples = response_length(arrivals, sample_rate, _reach())
         grids = grids_of_length(samples, sample_rate)
-        nodes = nearest_node(directions)
         filters = table.basis.filters(grids)
-        ports = []
+        ears = []
         for ear in (0, 1):
-            delay = plane_delay(directions, ear) + table.residual[ear, nodes]
+            heard, towards = arrivals, directions
+            if self._near is not None:
+                heard, towards = self._near.heard(arrivals, directions, ear)
+            nodes = nearest_node(towards)
+            delay = plane_delay(towards, ear) + table.residual[ear, nodes]
             index = nodes + np.int32(ear * table.residual.shape[1])
-            ports.append(ReceiverPort(delay, index, table.basis.rows, table.basis.columns, filters))
-        return synthesise(arrivals, ports, grids, samples)
+            port = ReceiverPort(delay, index, table.basis.rows, table.basis.columns, filters)
+            ears.append(synthesise(heard, [port], grids, samples))
+        return np.concatenate(ears)
 
     def ears(self, sample_rate: int) -> Ears:
         """See `BinauralReceiver`."""
         table = self._table(sample_rate)
-        return Ears(GRID, table.basis, table.residual.shape[1], table.residual, _reach())
-
-    def describe(self) -> dict[str, Scalar]:
-        """The settings that go into observation.json."""
-        hrirs = self._hrirs
-        return {
-            "receiver": "binaural",
-            "head": hrirs.name,
-            "hrtf_file": readable(self._path.name),
-            "hrtf_sha256": hrirs.sha256,
-            "hrtf_licence": hrirs.licence or "not stated in the file",
-            "hrtf_directions": len(hrirs.directions),
-            "hrtf_sample_rate_hz": hrirs.sample_rate,
-            "hrtf_resampling": "by its Fourier transform, where the sample rates differ",
-            "hrtf_gain_db": round(20 * float(np.log10(self._calibration.gain)), 2),
-        }
+        return Ears(GRID, table.basis, table.residual.shape[1], table.residual, _reach(), self._near)
 
     def _table(self, sample_rate: int) -> _Table:
         if sample_rate not in self._tables:
@@ -166,6 +157,36 @@ class SofaHead:
             sample_rate, np.concatenate(ears), measured.columns, measured.impulses, measured.error_db
         )
         return _Table(np.einsum("kc,kce->ek", weights, residual[corners]), basis)
+
+
+class SofaHead(HrirHead):
+    """The head of a SOFA file (SimpleFreeFieldHRIR), at any sample rate.
+
+    Args:
+        path: of the file.
+
+    Raises:
+        Avs3dError: one line; see `read_hrirs` and `SphereMesh.of`.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self._path = Path(path)
+        super().__init__(read_hrirs(path), path)
+
+    def describe(self) -> dict[str, Scalar]:
+        """The settings that go into observation.json."""
+        hrirs = self._hrirs
+        return {
+            "receiver": "binaural",
+            "head": hrirs.name,
+            "hrtf_file": readable(self._path.name),
+            "hrtf_sha256": hrirs.sha256,
+            "hrtf_licence": hrirs.licence or "not stated in the file",
+            "hrtf_directions": len(hrirs.directions),
+            "hrtf_sample_rate_hz": hrirs.sample_rate,
+            "hrtf_resampling": "by its Fourier transform, where the sample rates differ",
+            "hrtf_gain_db": round(20 * float(np.log10(self._calibration.gain)), 2),
+        }
 
 
 def _reach() -> float:
@@ -240,7 +261,7 @@ class _Calibration:
 
 
 @one_blas_thread
-def _calibrated(hrirs: HrirSet, mesh: SphereMesh, path: Path) -> _Calibration:
+def _calibrated(hrirs: HrirSet, mesh: SphereMesh, where: object) -> _Calibration:
     share = mesh.solid_angles() / (4 * np.pi)
     deviation = _lags(hrirs.impulses) / hrirs.sample_rate + hrirs.delays - _sphere_delays(hrirs.directions)
     # The median first: single lags may be wrong, above all at the averted ear.
@@ -253,7 +274,7 @@ def _calibrated(hrirs: HrirSet, mesh: SphereMesh, path: Path) -> _Calibration:
     coefficients = np.abs(sphere_coefficients(2 * np.pi * frequencies * hrtf.HEAD_RADIUS / SPEED_OF_SOUND)) ** 2
     wanted = float(((2 * np.arange(len(coefficients)) + 1) @ coefficients).mean())
     if not measured > 0:
-        raise Avs3dError(f"{path}: its responses have no sound between 350 and 1400 Hz, expected those of two ears")
+        raise Avs3dError(f"{where}: its responses have no sound between 350 and 1400 Hz, expected those of two ears")
     return _Calibration(zero, _sphere_delays(hrirs.directions) + near, float(np.sqrt(wanted / measured)))
 
 

@@ -13,6 +13,7 @@ from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.tracer.arrivals import Arrivals
 from generators.acoustics.tracer.device.ears import SPHERE, Ears
 from generators.acoustics.tracer.receivers.basis import Components, DirectionalBasis, directional_basis
+from generators.acoustics.tracer.receivers.near_field import diametral_near_field
 from generators.acoustics.tracer.receivers.sphere import sphere_response
 from generators.acoustics.tracer.receivers.synthesis import (
     ReceiverPort,
@@ -35,7 +36,8 @@ class SphericalHead:
     """Ears at both ends of a diameter of a rigid sphere, after Duda and Martens (1998).
 
     The delay of each direction is Woodworth's; what the exact sphere adds to it, above all the greater delay at low
-    frequencies (3/2 times Woodworth's below 500 Hz, Kuhn 1977), is in the filters. Sources count as far away.
+    frequencies (3/2 times Woodworth's below 500 Hz, Kuhn 1977), is in the filters. What a source at a finite distance
+    adds to that is in `near_field`.
     """
 
     channels = 2
@@ -47,16 +49,18 @@ class SphericalHead:
         samples = response_length(arrivals, sample_rate, _reach())
         grids = grids_of_length(samples, sample_rate)
         basis = sphere_basis(sample_rate)
-        ports = []
+        ears = []
         for ear in (0, 1):
-            theta = hrtf.incidence(directions, ear)
+            heard, towards = diametral_near_field().heard(arrivals, directions, ear)
+            theta = hrtf.incidence(towards, ear)
             index = np.rint(theta * (STEPS / np.pi)).astype(np.int32)
-            ports.append(ReceiverPort(hrtf.ear_delay(theta), index, basis.rows, basis.columns, basis.filters(grids)))
-        return synthesise(arrivals, ports, grids, samples)
+            port = ReceiverPort(hrtf.ear_delay(theta), index, basis.rows, basis.columns, basis.filters(grids))
+            ears.append(synthesise(heard, [port], grids, samples))
+        return np.concatenate(ears)
 
     def ears(self, sample_rate: int) -> Ears:
         """See `BinauralReceiver`."""
-        return Ears(SPHERE, sphere_basis(sample_rate), 0, np.zeros((2, 1)), _reach())
+        return Ears(SPHERE, sphere_basis(sample_rate), 0, np.zeros((2, 1)), _reach(), diametral_near_field())
 
     def describe(self) -> dict[str, Scalar]:
         """The settings that go into observation.json."""
