@@ -44,7 +44,7 @@ MOST_STEP, MOST_TURN = 0.5, 30.0
 #: Number of tours that are evaluated, and of gazes that are drawn along each.
 _TOURS, _GAZES = 8, 48
 #: Number of tracks of which one becomes a tour where twins are to be alike.
-_ALIKE_TRACKS = 20
+_ALIKE_TRACKS = 12
 #: Largest number of tours that are drawn if some of them hit a moving object.
 _TRIES = 5 * _TOURS
 #: Least area of free floor for a walk (m²).
