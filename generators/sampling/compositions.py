@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import cycle, islice
+
 from numpy.random import Generator
 
 from generators.manifest.schema import Twins
@@ -88,6 +89,7 @@ class Composition:
         siblings: draws what sounds in the siblings of a group.
         size: number of siblings of a whole group.
         single_share: share of the groups in which no category has twins.
+        least_twins: least number of twins where the room has places for as many.
         least_beside: least number of objects beside twins.
         twins: how twins are placed (see `generators.manifest.schema.ObservationSpec`).
         same_again: how often objects that do not fit are placed anew before others are drawn.
@@ -96,16 +98,17 @@ class Composition:
 
     siblings: Callable[[str, dict[str, int], int, int, Generator], list[Sibling]]
     size: int
-    single_share: float
-    least_beside: int
-    twins: Twins
+    single_share: float = 0.0
+    least_twins: int = 2
+    least_beside: int = 0
+    twins: Twins = "apart"
     same_again: int = 0
     in_turn: bool = False
 
 
 COMPOSITIONS = {
-    "training": Composition(siblings, GROUP, single_share=0.25, least_beside=0, twins="apart"),
+    "training": Composition(siblings, GROUP, single_share=0.25),
     "listen": Composition(
-        listening, OF_TWO[0].size, single_share=0.0, least_beside=1, twins="alike", same_again=6, in_turn=True
+        listening, OF_TWO[0].size, least_twins=3, least_beside=1, twins="alike", same_again=6, in_turn=True
     ),
 }

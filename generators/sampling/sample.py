@@ -229,10 +229,10 @@ class _Drawer:
         if draw < self._composition.same_again and self._in_room[part, home, room] < self._most(part):
             where = self._next(part, home, room)
             first = {name: value for name, value in unit.entries[0].items() if name != "index"}
-            rest = [
-                entry | {"like": _key(where), "index": where["index"] + n}
-                for n, entry in enumerate(unit.entries[1:], 1)
-            ]
+            rest = (
+                sibling | {"like": _key(where), "index": where["index"] + n}
+                for n, sibling in enumerate(unit.entries[1:], start=1)
+            )
             return SampledGroup((where | first, *rest), unit.kinds)
         rng = _stream(self._wanted.seed, f"unit/{number}/{draw}")
         return self._fill(where, len(unit.entries), number, rng)
@@ -247,7 +247,8 @@ class _Drawer:
         focus = _rarest(list(MOST[room]), [self._focus[name] for name in MOST[room]], rng)
         self._focus[focus] += size
         single = part == "part_1" or (part == "part_3" and rng.uniform() < self._composition.single_share)
-        numbers = [1] if single else list(range(2, MOST[room][focus] + 1))
+        most = MOST[room][focus]
+        numbers = [1] if single else list(range(min(self._composition.least_twins, most), most + 1))
         count = _rarest(numbers, [self._focus[focus, n] for n in numbers], rng)
         self._focus[focus, count] += 1
         beside = self._beside(room, focus, single, rng)
