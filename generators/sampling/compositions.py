@@ -20,7 +20,8 @@ from generators.sampling.siblings import GROUP, Sibling, Source, siblings
 #: doublings of it in the free field, more than the walk through a room has.
 LEVELS = (-9.0, 9.0)
 #: Siblings of a group beside those in which a twin sounds alone; see `listening`.
-OFF_SCREEN, SILENCE, OTHER, SEVERAL = "off-screen", "silence", "another category", "several of a category"
+OFF_SCREEN, SILENCE, OTHER = "off-screen", "silence", "another category"
+SEVERAL, WITH_OTHER = "several of a category", "a twin and another category"
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,11 @@ class Pattern:
 #: Patterns of groups with two twins, and with more, of which two can sound at once while others are silent. The groups
 #: take them in turn. All have the same number of siblings; twins are so many that pairs of them make up two fifths of
 #: the pair-frames (docs/protocol-listen.md).
-OF_TWO = (Pattern(6, (OFF_SCREEN, SILENCE)), Pattern(6, (OFF_SCREEN, OTHER)))
+OF_TWO = (
+    Pattern(6, (OFF_SCREEN, SILENCE)),
+    Pattern(6, (OFF_SCREEN, OTHER)),
+    Pattern(6, (OFF_SCREEN, WITH_OTHER)),
+)
 OF_MORE = (
     Pattern(5, (OFF_SCREEN, SILENCE, SEVERAL)),
     Pattern(5, (OFF_SCREEN, OTHER, SEVERAL)),
@@ -61,8 +66,9 @@ def listening(room: str, instances: dict[str, int], number: int, frames: int, rn
     found: list[Sibling] = [("a twin", [twin]) for twin in islice(cycle(twins), pattern.alone)]
     for kind in pattern.others:
         sources: list[Source] = []
-        if kind == OTHER:
+        if kind in (OTHER, WITH_OTHER):
             sources = [{"category": str(rng.choice(others)), "instance": 1}]
+            sources += [twins[0]] if kind == WITH_OTHER else []
         elif kind == SEVERAL:
             sources = [twins[int(index)] for index in rng.permutation(len(twins))[:2]]
         elif kind == OFF_SCREEN:
@@ -89,7 +95,6 @@ class Composition:
         siblings: draws what sounds in the siblings of a group.
         size: number of siblings of a whole group.
         single_share: share of the groups in which no category has twins.
-        least_twins: least number of twins where the room has places for as many.
         least_beside: least number of objects beside twins.
         twins: how twins are placed (see `generators.manifest.schema.ObservationSpec`).
         same_again: how often objects that do not fit are placed anew before others are drawn.
@@ -99,7 +104,6 @@ class Composition:
     siblings: Callable[[str, dict[str, int], int, int, Generator], list[Sibling]]
     size: int
     single_share: float = 0.0
-    least_twins: int = 2
     least_beside: int = 0
     twins: Twins = "apart"
     same_again: int = 0
@@ -108,7 +112,5 @@ class Composition:
 
 COMPOSITIONS = {
     "training": Composition(siblings, GROUP, single_share=0.25),
-    "listen": Composition(
-        listening, OF_TWO[0].size, least_twins=3, least_beside=1, twins="alike", same_again=6, in_turn=True
-    ),
+    "listen": Composition(listening, OF_TWO[0].size, least_beside=1, twins="alike", same_again=6, in_turn=True),
 }

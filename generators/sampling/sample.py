@@ -247,8 +247,7 @@ class _Drawer:
         focus = _rarest(list(MOST[room]), [self._focus[name] for name in MOST[room]], rng)
         self._focus[focus] += size
         single = part == "part_1" or (part == "part_3" and rng.uniform() < self._composition.single_share)
-        most = MOST[room][focus]
-        numbers = [1] if single else list(range(min(self._composition.least_twins, most), most + 1))
+        numbers = [1] if single else list(range(2, MOST[room][focus] + 1))
         count = _rarest(numbers, [self._focus[focus, n] for n in numbers], rng)
         self._focus[focus, count] += 1
         beside = self._beside(room, focus, single, rng)
