@@ -494,6 +494,21 @@ def test_the_command_in_the_training_manifest_makes_it(tmp_path: Path, monkeypat
 # scenes_manifest/listen.yaml and listen-tune.yaml
 
 
+@pytest.mark.parametrize("path", [LISTEN, TUNE], ids=["listen", "listen-tune"])
+def test_the_command_in_a_manifest_of_listen_makes_it_if_the_same_groups_fit(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is drawn follows from the command, without the minutes that places and walks take."""
+    there = {spec.key: spec.objects for spec in read_manifest(path).manifest.observations}
+
+    def misfits(manifest: Manifest) -> list[int]:
+        return [n for n, spec in enumerate(manifest.observations) if there.get(spec.key) != spec.objects]
+
+    monkeypatch.setattr("generators.sampling.fitting.SampleFitting", lambda _workers: misfits)
+    monkeypatch.chdir(tmp_path)
+    assert made_by_its_command(path, tmp_path)[0].read_bytes() == path.read_bytes()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("path", [LISTEN, TUNE], ids=["listen", "listen-tune"])
 def test_the_command_in_a_manifest_of_listen_makes_it(
