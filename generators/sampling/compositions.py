@@ -37,19 +37,15 @@ class Pattern:
         return self.alone + len(self.others)
 
 
-#: Patterns of groups with two twins, and with more, of which two can sound at once while others are silent. The groups
-#: take them in turn. All have the same number of siblings; twins are so many that pairs of them make up two fifths of
-#: the pair-frames (docs/protocol-listen.md).
+#: Patterns of groups with two twins, which take them in turn, and with more, of which two can sound at once while others
+#: are silent. All have the same number of siblings; in so many of them a twin sounds alone that more than two fifths of
+#: the pair-frames are of twins (docs/sampling.md).
 OF_TWO = (
     Pattern(6, (OFF_SCREEN, SILENCE)),
     Pattern(6, (OFF_SCREEN, OTHER)),
     Pattern(6, (OFF_SCREEN, WITH_OTHER)),
 )
-OF_MORE = (
-    Pattern(5, (OFF_SCREEN, SILENCE, SEVERAL)),
-    Pattern(5, (OFF_SCREEN, OTHER, SEVERAL)),
-    Pattern(6, (OFF_SCREEN, SEVERAL)),
-)
+OF_MORE = (Pattern(6, (OFF_SCREEN, SEVERAL)),)
 
 
 def listening(room: str, instances: dict[str, int], number: int, frames: int, rng: Generator) -> list[Sibling]:
