@@ -4,4 +4,5 @@ from . import echosegnet as echosegnet
 from . import listener as listener
 from . import oracle as oracle
 from . import owod_bind as owod_bind
+from . import references as references
 from . import trivial as trivial

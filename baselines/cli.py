@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from avs3d_bench.commands.click_options import PATH, WORKERS, Group, dataset_option, only_option
-from avs3d_bench.commands.outputs import OUTPUT_FOLDER
+from avs3d_bench.commands.outputs import OUTPUT_FOLDER, OutputFile, Signature
 from avs3d_bench.errors import UsageError
 from avs3d_bench.scheduling.options import Options, scheduling_options
 
@@ -166,6 +166,37 @@ def oracle(
         if context.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT:
             raise UsageError(f"--deaf cannot be had with --{name}: a deaf oracle has one answer for all siblings")
     _done(write_deaf(Dataset(root), path, deaf, **common))
+
+
+@baseline.command(short_help="Rules of place with true masks, and their scores by kind of pair.")
+@_common
+@click.option("--workers", type=WORKERS, default=None, help="Processes [one per core].")
+@click.option("--json", "json_file", type=OutputFile(Signature(keys=("dataset", "version", "scored", "references"))),
+              metavar="FILE", help="Write the table to this file as well.")  # fmt: skip
+def references(
+    root: Path, path: Path, only: tuple[str, ...], overwrite: bool, workers: int | None, json_file: Path | None
+) -> None:
+    """Write the reference rows of part_3 as submissions below the folder, score them, and print one table.
+
+    All have true masks and know which categories are heard, so that only the place is left: category marks all
+    instances, level follows the loudness over the walk, ild the louder ear, gcc-phat the interaural delay. This USES
+    THE GROUND TRUTH OF TEST FRAMES: the scores are bounds of what place is worth, not results.
+    """
+    from avs3d_bench.dataset import Dataset
+    from avs3d_bench.formats.files import write_json
+    from baselines.reference_scores import print_table, score_all, summary
+    from baselines.references import write_references
+
+    options: dict[str, Any] = {
+        "only": only, "overwrite": overwrite, "workers": workers, "progress": sys.stderr.isatty(),
+    }  # fmt: skip
+    written = write_references(Dataset(root), path, **options)
+    for writer in written.values():
+        _done(writer)
+    found = score_all(path, written, root, only=only, workers=workers)
+    print_table(found)
+    if json_file is not None:
+        write_json(json_file, summary(found))
 
 
 def _owod_bind_options(command: _F) -> _F:

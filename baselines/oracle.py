@@ -148,7 +148,8 @@ def _marked(frame: Frame, *, instance: Instance, errors: ErrorModel) -> dict[int
     ids = record.class_ids
     heard = record.audible_instances(entry)
     if instance == "category":
-        audible = {source.category for source in record.audible_sources(entry)}
+        # A distractor never sounds where it is seen, even while one is heard from another room.
+        audible = {source.category for source in record.audible_sources(entry)} & ids.keys()
         chosen = [placed.id for placed in record.instances if placed.category in audible]
     else:
         swapped = _swaps(observation, record, errors)

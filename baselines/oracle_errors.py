@@ -31,14 +31,14 @@ MAX_DILATE = 500.0
 
 #: For each category the ones that are mistaken for it, the likeliest first: appliances with a door and a window in the
 #: front, appliances of a worktop, white things of a bathroom, small things on a shelf or a wall. `vacuum_cleaner`
-#: resembles nothing here. An oven never sounds.
+#: resembles nothing here. Distractors never sound.
 CONFUSABLE: dict[str, tuple[str, ...]] = {
     "microwave": ("oven", "washing_machine", "coffee_machine"),
-    "washing_machine": ("oven", "microwave", "toilet"),
-    "coffee_machine": ("microwave",),
+    "washing_machine": ("dishwasher", "oven", "microwave", "toilet"),
+    "coffee_machine": ("kettle", "microwave"),
     "toilet": ("washing_machine",),
     "clock": ("telephone",),
-    "telephone": ("clock",),
+    "telephone": ("clock", "radio"),
     "vacuum_cleaner": (),
 }
 

@@ -17,11 +17,12 @@ from typing import Any
 
 import click
 
-from avs3d_bench.contract.scores import GroupScores, Scores
+from avs3d_bench.contract.scores import PAIR_KINDS, GroupScores, Scores
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.files import read_json, write_bytes
 from avs3d_bench.formats.media import read_record
-from benchmarks import comparison_power, listener_page, receivers
+from baselines.references import REFERENCES
+from benchmarks import comparison_power, home_coverage, listener_page, receivers
 from benchmarks.listener_summary import summary, table
 from benchmarks.run import TARGETS
 from evaluators.reporting import table_contents, tables_markdown
@@ -87,8 +88,15 @@ class Results:
             "category, one": ("which categories are audible", "one instance at random of each"),
             "category, all": ("which categories are audible", "all their instances"),
         }
-        rows = [[*said, share(found[n]["pair_accuracy"]), share(found[n]["twins"])] for n, said in known.items()]
-        return text(["known from the sound", "marked", "pair_accuracy", "in pairs of twins"], rows)
+        figures = ("twins", "pair_accuracy", *PAIR_KINDS[1:])
+        rows = [[*said, *(share(found[n].get(name)) for name in figures)] for n, said in known.items()]
+        return text(["known from the sound", "marked", *figures], rows)
+
+    def references(self) -> str:
+        """The reference rows of place under ``listen``."""
+        names = ("twins", "pair_accuracy", *PAIR_KINDS[1:], "IoU")
+        found = self.json("listen-references")["references"]
+        return text(["row", *names], [[row, *(share(found[row][name]) for name in names)] for row in REFERENCES])
 
     def paper_methods(self) -> str:
         """Table 2 of the paper, beside our figures."""
@@ -308,11 +316,11 @@ def blocks(docs: Path) -> dict[str, list[tuple[str, Callable[[], str]]]]:
     own = Results(docs / "results")
     return {
         "README.md": [("results", lambda: summary(own.folder))],
-        "docs/comparing.md": [("power", own.power)],
+        "docs/comparing.md": [("power", own.power), ("homes", lambda: home_coverage.table(own.json("home-coverage")))],
         "docs/generator.md": [("speed", lambda: speed(docs / "bench.json"))],
         "docs/listener-training.md": [("curve", own.curve)],
         "docs/official.md": [("table 2", own.paper_methods), ("table 3", own.paper_thresholds)],
-        "docs/protocol-listen.md": [("guesses", own.guesses)],
+        "docs/protocol-listen.md": [("guesses", own.guesses), ("references", own.references)],
         "docs/receivers.md": [("near sources", near_sources)],
         "docs/results.md": [
             ("results", lambda: summary(own.folder)), ("training", own.training), ("caps", own.caps),

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from avs3d_bench.contract.taxonomy import DISTRACTORS
+from avs3d_bench.contract.taxonomy import class_ids
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.files import write_json
 from avs3d_bench.geometry import Intrinsics, Pose
@@ -121,7 +121,8 @@ def observe(plan: ObservationPlan, size: int, *, biased: bool = False) -> Seen |
     if plan.spec.part == "part_2":
         candidates = [n for n in everyone if seen.placements[n - 1].model.category == plan.spec.category]
     else:
-        candidates = [n for n in everyone if seen.placements[n - 1].model.category not in DISTRACTORS]
+        able = class_ids(plan.own_categories or ())
+        candidates = [n for n in everyone if seen.placements[n - 1].model.category in able]
     features = np.array([_features(n, ids, poses, seen.placements, points) for n in candidates])
     in_view = np.array([(ids == n).any(axis=(1, 2)).mean() for n in everyone])
     return Seen(plan.spec.part, plan.spec.scan, plan.key, features, candidates.index(sounding), in_view)

@@ -2,8 +2,7 @@
 
 A guess has perfect masks and uses a part of what can be heard; the rest is drawn at random, independently for each
 sibling. Nothing is sampled: the probability that both predictions of a frame are right is the product of two shares of
-equally likely answers. Pairs of twins are those of siblings in which one object sounds alone, another of its category
-in each.
+equally likely answers. Beside all pairs there is a column for each kind of pair (`avs3d_bench.measures.pair_kinds`).
 """
 
 from __future__ import annotations
@@ -20,13 +19,15 @@ from rich.console import Console
 from rich.table import Table
 
 from avs3d_bench.contract.schema import FrameRecord, ObservationRecord
+from avs3d_bench.contract.scores import PAIR_FIGURES
 from avs3d_bench.dataset import Dataset, Observation, sibling_frames
 from avs3d_bench.errors import UsageError
 from avs3d_bench.formats.files import write_json
 from avs3d_bench.measures.deaf_oracles import can_sound, instance_ids_of
+from avs3d_bench.measures.pair_kinds import pair_kind
 from avs3d_bench.runtime.parallel import process_each
 from evaluators.metrics.masks import as_bytes, frame_counts, mean
-from evaluators.metrics.pairs import agrees_better, differ, is_right
+from evaluators.metrics.pairs import ALL_PAIRS, agrees_better, differ, is_right
 
 #: Ids of the instances that are marked.
 Answer = tuple[int, ...]
@@ -65,14 +66,8 @@ GUESSES: Mapping[str, Guess] = {
 }
 
 
-def sounds_alone(record: ObservationRecord) -> str | None:
-    """Category of the only source of an observation, if it is an instance of the room."""
-    sources = record.sources or ()
-    return sources[0].category if len(sources) == 1 and sources[0].instance is not None else None
-
-
-def group_chance(root: Path, keys: Sequence[str]) -> dict[str, tuple[float | None, float | None]]:
-    """Guess → expected pair accuracy of a group, over all pairs and over those of twins; None without such a frame.
+def group_chance(root: Path, keys: Sequence[str]) -> dict[str, dict[str, float | None]]:
+    """Guess → figure (`PAIR_FIGURES`) → expected pair accuracy of a group; None without such a frame.
 
     Args:
         root: the dataset's.
@@ -86,9 +81,8 @@ def group_chance(root: Path, keys: Sequence[str]) -> dict[str, tuple[float | Non
     records = [sibling.record for sibling in siblings if sibling.record is not None]
     if len(records) < len(siblings):
         raise UsageError(f"{root}: an observation of the group {keys[0]} has no observation.json")
-    alone = [sounds_alone(record) for record in records]
-    right = {name: {False: 0.0, True: 0.0} for name in GUESSES}
-    count = {False: 0, True: 0}
+    right = {name: dict.fromkeys(PAIR_FIGURES, 0.0) for name in GUESSES}
+    count = dict.fromkeys(PAIR_FIGURES, 0)
     for same in sibling_frames(siblings):
         masks = [as_bytes(frame.mask()) for frame in same]
         ids = instance_ids_of(same[0], masks[0].shape)
@@ -97,17 +91,15 @@ def group_chance(root: Path, keys: Sequence[str]) -> dict[str, tuple[float | Non
         for a, b in combinations(range(len(siblings)), 2):
             if not differ(frame_counts(masks[a], masks[b])):
                 continue
-            twins = alone[a] is not None and alone[a] == alone[b]
-            count[twins] += 1
+            figures = (ALL_PAIRS, pair_kind(records[a], records[b]))
+            for figure in figures:
+                count[figure] += 1
             for name, of in answers.items():
                 both = _share_right(ids, of[a], masks[a], masks[b]) * _share_right(ids, of[b], masks[b], masks[a])
-                right[name][twins] += both
-    total = sum(count.values())
+                for figure in figures:
+                    right[name][figure] += both
     return {
-        name: (
-            sum(found.values()) / total if total else None,
-            found[True] / count[True] if count[True] else None,
-        )
+        name: {figure: found[figure] / count[figure] if count[figure] else None for figure in PAIR_FIGURES}
         for name, found in right.items()
     }
 
@@ -138,12 +130,13 @@ def main(root: Path, workers: int | None, report: Path | None) -> None:
         raise click.UsageError(f"{root}: no observation of part_3")
     keys = [tuple(some) for some in groups.values()]
     found = [out for _, out in process_each(partial(group_chance, root), keys, workers=workers, label="groups")]
-    table = Table("guess", "pair_accuracy", "pairs of twins", title="chance under listen")
+    table = Table("guess", *PAIR_FIGURES, title="chance under listen")
     document = {}
     for name in GUESSES:
-        every, twins = (mean(value for one in found if (value := one[name][i]) is not None) for i in (0, 1))
-        document[name] = {"pair_accuracy": every, "twins": twins}
-        table.add_row(name, *("–" if value is None else f"{value:.3f}" for value in (every, twins)))
+        document[name] = {
+            figure: mean(value for one in found if (value := one[name][figure]) is not None) for figure in PAIR_FIGURES
+        }
+        table.add_row(name, *("–" if value is None else f"{value:.3f}" for value in document[name].values()))
     Console().print(table)
     if report is not None:
         write_json(report, {"groups": len(groups), "guesses": document})

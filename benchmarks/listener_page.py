@@ -29,10 +29,10 @@ from benchmarks.listener_summary import (
     SUMMARY_ROWS,
     Pair,
     looks_text,
-    pair_accuracy_of,
     settings_lines,
     summary,
     table,
+    twin_accuracy,
     twin_pairs,
 )
 from benchmarks.listener_tables import ROWS, RUN_JSON, labelled
@@ -101,7 +101,7 @@ def part_table(
             title = f"{ROWS[name].title} ({how}n = {group.observations})"
             values = [value_of(group, figure) for figure in figures]
             if apart:
-                alone = pair_accuracy_of(scores, twins)
+                alone = twin_accuracy(scores, twins)
                 values.insert(1, "–" if alone is None else f"{alone:.3f}")
             rows.append([title, *values])
     if not rows:

@@ -17,8 +17,8 @@ from benchmarks.listener_tables import ROWS, RUN_JSON
 from evaluators.metrics.masks import mean
 from generators.manifest.reading import read_manifest
 
-#: Manifests of the datasets, by their names.
-MANIFESTS = Path(__file__).parent.parent / "scenes_manifest"
+#: Manifests of datasets whose scores by `listen` 1.0 are published: NAME-1.0.0.yaml, beside the scores.
+MANIFESTS = Path(__file__).parent.parent / "docs" / "results"
 #: Datasets and their parts whose strict IoU is in the summary, with short headings; the dataset whose part_3 is.
 SUMMARY = {
     ("open-s34-o7", "part_1"): "open part_1", ("open-s34-o7", "part_2"): "open part_2",
@@ -37,12 +37,12 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
 
 
 def twin_pairs(dataset: str) -> frozenset[Pair]:
-    """Keys of the pairs of twins of a dataset whose manifest is part of the project; empty without one.
+    """Keys of the pairs of twins of version 1.0.0 of a dataset; empty where its manifest is not kept.
 
     Raises:
         Avs3dError: if the manifest is broken.
     """
-    path = MANIFESTS / f"{dataset}.yaml"
+    path = MANIFESTS / f"{dataset}-1.0.0.yaml"
     if not path.exists():
         return frozenset()
     alone: dict[tuple[str, str], list[str]] = {}
@@ -55,11 +55,20 @@ def twin_pairs(dataset: str) -> frozenset[Pair]:
     return frozenset(frozenset((a, b)) for keys in alone.values() for a in keys for b in keys if a != b)
 
 
-def pair_accuracy_of(scores: Scores, pairs: Collection[Pair]) -> float | None:
-    """Pair accuracy over some pairs: mean over the groups that have a pair-frame of them; None without one."""
+def twin_accuracy(scores: Scores, twins: Collection[Pair]) -> float | None:
+    """Pair accuracy over pairs of twins: mean over the groups that have a pair-frame of them; None without one.
+
+    Args:
+        scores: those of `listen` 1.1 name the kind of each pair.
+        twins: the pairs of twins, for scores of `listen` 1.0.
+    """
     shares = []
     for group in scores.siblings or ():
-        chosen = [pair for pair in group.pairs if frozenset((pair.first, pair.second)) in pairs]
+        chosen = [
+            pair
+            for pair in group.pairs
+            if (pair.kind == "twins" if pair.kind else frozenset((pair.first, pair.second)) in twins)
+        ]
         if frames := sum(pair.frames for pair in chosen):
             shares.append(sum(pair.right for pair in chosen) / frames)
     return mean(shares)
@@ -118,7 +127,7 @@ def summary(output: Path) -> str:
         values = [_strict_iou(_scores(output, dataset, name), part) for dataset, part in SUMMARY]
         scenes = _scores(output, SCENES, name)
         every = scenes.overall.listen.pair_accuracy if scenes.overall.listen else None
-        rows.append([ROWS[name].title, *map(_short, [*values, every, pair_accuracy_of(scenes, twins)])])
+        rows.append([ROWS[name].title, *map(_short, [*values, every, twin_accuracy(scenes, twins)])])
     head = ["method", *SUMMARY.values(), f"{SCENES}, all pairs", f"{SCENES}, twins"]
     labels = [*dict.fromkeys(dataset for dataset, _ in SUMMARY), SCENES]
     made = {name: {label: document["rows"][f"{label}-{name}"]["settings"] for label in labels} for name in SUMMARY_ROWS}

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from avs3d_bench.contract import layout
 from avs3d_bench.contract.schema import ObservationRecord
-from avs3d_bench.contract.taxonomy import DISTRACTORS
 from avs3d_bench.formats import files, media
 from avs3d_bench.formats.colmap import ColmapModel, read_model
 from avs3d_bench.formats.yamlfile import read_yaml
@@ -121,7 +120,7 @@ def _objects(public: Path, private: Path, record: ObservationRecord) -> Case | N
     chosen = [
         one
         for one in record.instances
-        if one.category not in DISTRACTORS and (record.part == "part_1" or one.category == record.category)
+        if one.category in record.class_ids and (record.part == "part_1" or one.category == record.category)
     ]
     if len(chosen) < 2:
         return None

@@ -1,6 +1,6 @@
 """Contact sheet of the training families: a row is a family, its pictures are generator seeds.
 
-`python -m benchmarks.training_objects -o sheet.jpg [--category CATEGORY] [--seeds N] [--side PIXELS] [--columns N]`
+`python -m benchmarks.training_objects -o sheet.jpg [--category CATEGORY]… [--seeds N] [--side PIXELS] [--columns N]`
 
 Each model fills its picture, seen from its front left and a little above, with one distant light, its shadow, and light
 from all around; no light is baked, so that a sheet of hundreds of models takes seconds.
@@ -117,14 +117,14 @@ def row(category: str, variant: str, seeds: int, side: int) -> NDArray[np.uint8]
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("-o", "--output", type=Path, required=True, help="picture to write (.png or .jpg)")
-    parser.add_argument("--category", choices=CATEGORIES + DISTRACTORS, help="only this category")
+    parser.add_argument("--category", action="append", choices=CATEGORIES + DISTRACTORS, help="only this; repeatable")
     parser.add_argument("--seeds", type=int, default=12, help="models of each family")
     parser.add_argument("--side", type=int, default=64, help="side of a picture (pixels)")
     parser.add_argument("--columns", type=int, default=1, help="families side by side")
     parser.add_argument("--benchmark", action="store_true", help="the variants of the benchmarks instead")
     options = parser.parse_args()
     names = variants if options.benchmark else training_variants
-    categories = [options.category] if options.category else CATEGORIES + DISTRACTORS
+    categories = options.category or CATEGORIES + DISTRACTORS
     rows = [row(c, v, options.seeds, options.side) for c in categories for v in names(c)]
     rows += [np.full_like(rows[0], 250)] * (-len(rows) % options.columns)
     high = len(rows) // options.columns

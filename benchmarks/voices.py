@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.signal import spectrogram
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
-from avs3d_bench.contract.taxonomy import CATEGORIES
+from avs3d_bench.contract.taxonomy import CATEGORIES, OFF_SCREEN_CATEGORIES
 from generators.assets.sounds import synthesise, voices
 
 Array = NDArray[np.float64]
@@ -128,7 +128,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--recordings", type=Path, required=True)
     parser.add_argument("-o", "--output", type=Path, required=True)
-    parser.add_argument("--category", action="append", choices=CATEGORIES)
+    parser.add_argument("--category", action="append", choices=CATEGORIES + OFF_SCREEN_CATEGORIES)
     options = parser.parse_args(arguments)
     options.output.mkdir(parents=True, exist_ok=True)
     report = {}

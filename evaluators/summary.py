@@ -68,6 +68,7 @@ def score_record(
             protocols={name: version for name, version in PROTOCOLS.items() if name in wanted},
             bootstrap_resamples=bootstrap.RESAMPLES,
             bootstrap_seed=bootstrap.SEED,
+            bootstrap_unit="home",
             voxel_size=VOXEL_SIZE,
             provenance=software,
             machine=this_machine(),

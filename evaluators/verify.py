@@ -42,7 +42,7 @@ _NOISE = 1e-12
 #: Values that may differ: the place of the report, and the software and machine, which become notes.
 _NOT_COMPARED = ("report", "avs3d_eval.version", "avs3d_eval.provenance", "avs3d_eval.machine")
 #: Values that files of older versions lack.
-_ADDED_LATER = ("submission.digest", "dataset.truth_digest", "digests")
+_ADDED_LATER = ("submission.digest", "dataset.truth_digest", "digests", "avs3d_eval.bootstrap_unit")
 #: Stands for a value that one side lacks.
 _ABSENT = object()
 _SHORT_DIGEST = 12
@@ -182,11 +182,25 @@ def compare_scores(recorded: Scores, again: Scores) -> Verification:
         skipped.append("submission.method")  # The name of the folder.
     if again.dataset.sha256 is None:
         skipped.append("dataset.name")  # Likewise.
-    lines = list(compare_values(json.loads(dump_json(recorded)), json.loads(dump_json(again)), skipped))
+    older = recorded.avs3d_eval.bootstrap_unit is None
+    mine, theirs = (_document(one, intervals=not older) for one in (recorded, again))
+    lines = list(compare_values(mine, theirs, skipped))
     differences = sorted((line for line in lines if line is not None), key=_rank)
     data = again.dataset
     dataset = VerifiedDataset(name=data.name, version=data.version, sha256=data.sha256, truth_digest=data.truth_digest)
     return Verification(recorded, tuple(differences), tuple(_notes(recorded, again)), len(lines), dataset)
+
+
+def _document(scores: Scores, *, intervals: bool) -> object:
+    """A record of scores as JSON has it, with its intervals or without them."""
+
+    def without(value: object) -> object:
+        if isinstance(value, Mapping):
+            return {name: without(inner) for name, inner in value.items() if name != "intervals"}
+        return [without(inner) for inner in value] if isinstance(value, list) else value
+
+    document: object = json.loads(dump_json(scores))
+    return document if intervals else without(document)
 
 
 def _without_unknown(recorded: Scores, dataset: Dataset) -> tuple[Scores, tuple[Difference, ...]]:
@@ -290,6 +304,8 @@ def _rank(difference: Difference) -> tuple[int, str]:
 def _notes(recorded: Scores, again: Scores) -> Iterator[str]:
     if recorded.submission.digest is None or recorded.dataset.truth_digest is None:
         yield "the file has no digests of submission and truth: an older version wrote it; its figures are compared"
+    if recorded.avs3d_eval.bootstrap_unit is None:
+        yield "the intervals of the file, of an older version, do not resample homes: they are not compared"
     if recorded.dataset.scored < recorded.dataset.observations:
         yield f"{recorded.dataset.scored:,} of the {recorded.dataset.observations:,} observations were scored"
     then, now = recorded.avs3d_eval, again.avs3d_eval

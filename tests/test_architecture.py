@@ -136,7 +136,7 @@ HOUSE = {
         "validation": "errors geometry runtime contract formats dataset measures commands sealing",
         "validate": "commands validation",
         "scheduling": "errors runtime contract formats commands",
-        "exports": "errors runtime contract formats dataset commands sealing",
+        "exports": "errors runtime contract formats dataset measures commands sealing",
         "inspector": "errors geometry text runtime contract formats dataset submission measures commands",
         "cli": "errors text runtime formats dataset commands validation validate exports inspector",
         "__main__": "cli",
@@ -189,7 +189,9 @@ HOUSE = {
         "sound_control": "",
         "listener": "networks sound_control",
         "echosegnet": "oracle_errors oracle sound_control",
-        "cli": "oracle_errors oracle deaf trivial owod_bind denseav listener echosegnet",
+        "references": "oracle echosegnet",
+        "reference_scores": "",
+        "cli": "oracle_errors oracle deaf trivial owod_bind denseav listener echosegnet references reference_scores",
     },
 }
 #: Folders of avs3d_bench that use each other: none.

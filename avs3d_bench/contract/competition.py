@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import Literal
 
 from pydantic import Field
@@ -18,7 +18,9 @@ TASK_JSON = "competition.json"
 #: The dataset's two trees below the platform's folder of reference data.
 REFERENCE_PUBLIC, REFERENCE_PRIVATE = "public", "private"
 #: The figure that ranks submissions under each protocol; its interval is shown, those of other figures are hidden.
-MAIN_FIGURES: dict[Protocol, str] = {"strict": "IoU", "listen": "pair_accuracy", "official": "mIoU"}
+MAIN_FIGURES: dict[Protocol, str] = {"strict": "IoU", "listen": "twins", "official": "mIoU"}
+#: Those of observations of part_3 without a pair of twins.
+MAIN_WITHOUT_TWINS: dict[Protocol, str] = MAIN_FIGURES | {"listen": "pair_accuracy"}
 
 #: Decimals of all figures that participants see. With more of them, scores of submissions that differ in a few pixels
 #: would tell the truth of these pixels.
@@ -67,18 +69,22 @@ def task_protocols(parts: Collection[str]) -> dict[Protocol, ProtocolVersion]:
     return {name: PROTOCOLS[name] for name in names}
 
 
-def columns_of(protocols: Collection[Protocol]) -> tuple[Column, ...]:
+def columns_of(protocols: Collection[Protocol], main: Mapping[Protocol, str] = MAIN_FIGURES) -> tuple[Column, ...]:
     """The leaderboard's columns: the ranking figure and its interval, then the others, hidden bounds last.
 
     Ties of the first column are broken by the columns to its right; hidden ones would break them too, so that they
     come after all figures.
+
+    Args:
+        protocols: the ranking one first.
+        main: protocol → the figure that ranks.
     """
     shown: list[Column] = []
     bounds: list[Column] = []
     for number, protocol in enumerate(protocols):
-        figures = sorted(metrics_of(protocol), key=lambda metric: metric.name != MAIN_FIGURES[protocol])
+        figures = sorted(metrics_of(protocol), key=lambda metric: metric.name != main[protocol])
         for metric in figures:
-            is_main = metric.name == MAIN_FIGURES[protocol]
+            is_main = metric.name == main[protocol]
             mean, *interval = (_column(metric, bound, hidden=not is_main) for bound in ("mean", "low", "high"))
             shown.append(mean)
             (shown if is_main and number == 0 else bounds).extend(interval)

@@ -7,7 +7,7 @@ value is guessed. docs/metrics.md has the formulas.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, get_args
 
 from pydantic import Field
 
@@ -25,8 +25,9 @@ from avs3d_bench.contract.schema import (
 from avs3d_bench.text.printable import printable
 
 Protocol = Literal["official", "strict", "listen"]
-#: Protocol → version. It changes when a figure changes for the same masks.
-PROTOCOLS: dict[Protocol, str] = {"official": "1.0", "strict": "1.0", "listen": "1.0"}
+#: Protocol → version. It changes when a figure changes for the same masks, and when one is added: 1.1 of ``listen`` has
+#: the pair accuracy by kind of pair; its other figures are those of 1.0.
+PROTOCOLS: dict[Protocol, str] = {"official": "1.0", "strict": "1.0", "listen": "1.1"}
 #: Protocol → parts whose observations it scores.
 PROTOCOL_PARTS: dict[Protocol, tuple[str, ...]] = {
     "official": ("part_1", "part_2"),
@@ -44,6 +45,14 @@ DEAF_ORACLES = ("deaf_all", "deaf_single")
 LISTEN_REFERENCES = (*BLIND_REFERENCES, *DEAF_ORACLES)
 #: Every reference row, in the order of tables.
 ALL_REFERENCES = (*REFERENCES, *DEAF_ORACLES)
+
+#: Kind of a pair of siblings, named after what tells the two apart; see `avs3d_bench.measures.pair_kinds`.
+PairKind = Literal["twins", "category", "off_screen", "silence", "several"]
+#: Every kind, the one that needs the most of the ears first: the figures of ``listen`` with these names are the pair
+#: accuracy over pairs of one kind.
+PAIR_KINDS: tuple[PairKind, ...] = get_args(PairKind)
+#: The figures of ``listen`` that are means over groups of siblings and not over observations.
+PAIR_FIGURES: tuple[str, ...] = ("pair_accuracy", *PAIR_KINDS)
 
 #: E.g. ``1.0``.
 ProtocolVersion = Annotated[str, Field(pattern=r"^[0-9]{1,4}(\.[0-9]{1,4}){0,3}$")]
@@ -87,8 +96,18 @@ METRICS: tuple[Metric, ...] = (
     Metric("strict", "IoU_3D", "3D IoU", True, "", "IoU of 5 cm voxels with those of the object's mesh"),
     Metric("strict", "centroid_error", "centroid error", False, "m",
            "distance between the centroids of the predicted and the true voxels"),
+    Metric("listen", "twins", "twins", True, "",
+           "pair accuracy over pairs of which two instances of one category sound, one in each"),
     Metric("listen", "pair_accuracy", "pair accuracy", True, "",
            "share of the frames of pairs of siblings in which both predictions are right, each for its own sound"),
+    Metric("listen", "category", "category", True, "",
+           "pair accuracy over pairs of which instances of two categories sound, one in each"),
+    Metric("listen", "off_screen", "off-screen", True, "",
+           "pair accuracy over pairs in one of which a source in another room sounds alone"),
+    Metric("listen", "silence", "silence", True, "",
+           "pair accuracy over pairs in one of which nothing sounds, or in both the same at other times"),
+    Metric("listen", "several", "several", True, "",
+           "pair accuracy over pairs in one of which more than one source sounds"),
     Metric("listen", "IoU", "IoU", True, "", "IoU of the mask over frames in which something audible is visible"),
     Metric("listen", "FP_rate", "FP rate", False, "", "share of frames with nothing to mark that have a marked pixel"),
     Metric("listen", "FP_area", "FP area", False, "", "share of marked pixels in frames with nothing to mark"),
@@ -135,17 +154,32 @@ class StrictObservation(StrictScore):
 
 
 class ListenScore(Record):
-    """Whether a method listens: figures of the part_3 observations (protocol ``listen``)."""
+    """Whether a method listens: figures of the part_3 observations (protocol ``listen``).
+
+    ``twins`` to ``several`` are the pair accuracy over the pairs of one kind; files of ``listen`` 1.0 lack them.
+    """
+
+    left_out: ClassVar[frozenset[str]] = frozenset(PAIR_KINDS)
 
     pair_accuracy: Share | None
+    twins: Share | None = Field(default=None, description="null in files of listen 1.0, as the four below")
+    category: Share | None = None
+    off_screen: Share | None = None
+    silence: Share | None = None
+    several: Share | None = None
     IoU: Share | None
     FP_rate: Share | None
     FP_area: Share | None
     class_mIoU: Share | None  # noqa: N815
+    unavailable: dict[str, str] = Field(default_factory=dict, description="figure that is null → reason")
+
+    def omitted(self) -> frozenset[str]:
+        """The kinds of which the file says nothing, not even why: those of a file of ``listen`` 1.0."""
+        return self.left_out - self.unavailable.keys()
 
 
 class ListenObservation(ListenScore):
-    """One observation under ``listen``; ``pair_accuracy`` is over the pairs that it takes part in."""
+    """One observation under ``listen``; the pair accuracies are over the pairs that it takes part in."""
 
     visible_frames: Count = Field(description="test frames in which something audible is visible")
     absent_frames: Count = Field(description="test frames in which nothing audible is visible")
@@ -153,7 +187,6 @@ class ListenObservation(ListenScore):
     class_IoU: dict[str, Share] = Field(  # noqa: N815
         description="category that occurs in truth or prediction → its IoU; empty without categories/"
     )
-    unavailable: dict[str, str] = Field(default_factory=dict, description="figure that is null → reason")
 
 
 class ObservationDigests(Record):
@@ -216,7 +249,8 @@ class OfficialSummary(OfficialScore):
     """Unweighted means over observations."""
 
     intervals: dict[str, Interval] = Field(
-        default_factory=dict, description="95 % bootstrap interval, from six observations on"
+        default_factory=dict,
+        description="95 % bootstrap interval over homes, then observations; from six of these on",
     )
 
 
@@ -224,23 +258,24 @@ class StrictSummary(StrictScore):
     """Unweighted means over the observations for which the figure is not null."""
 
     intervals: dict[str, Interval] = Field(
-        default_factory=dict, description="95 % bootstrap interval, from six observations on"
+        default_factory=dict,
+        description="95 % bootstrap interval over homes, then observations; from six of these on",
     )
     counts: dict[str, Count] = Field(description="figure → number of observations in its mean")
     unavailable: dict[str, str] = Field(default_factory=dict, description="figure that is null → reason")
 
 
 class ListenSummary(ListenScore):
-    """Unweighted means over the observations for which the figure is not null; ``pair_accuracy`` over groups."""
+    """Unweighted means over the observations for which the figure is not null; pair accuracies over groups."""
 
     intervals: dict[str, Interval] = Field(
-        default_factory=dict, description="95 % bootstrap interval over groups of siblings, from six groups on"
+        default_factory=dict,
+        description="95 % bootstrap interval over homes, then groups; from six groups on",
     )
     counts: dict[str, Count] = Field(
-        description="figure → number of observations in its mean; pair_accuracy → number of groups"
+        description="figure → number of observations in its mean; of a pair accuracy, number of groups"
     )
     groups: Count = Field(description="number of groups of siblings among the observations")
-    unavailable: dict[str, str] = Field(default_factory=dict, description="figure that is null → reason")
 
 
 class GroupScores(Record):
@@ -258,8 +293,13 @@ class GroupScores(Record):
 class PairScores(Record):
     """Two siblings: observations with the same pictures and different sound."""
 
+    left_out: ClassVar[frozenset[str]] = frozenset({"kind"})
+
     first: Text = Field(description="key of one sibling")
     second: Text = Field(description="key of the other")
+    kind: PairKind | None = Field(
+        default=None, description="what tells the two apart; null in files of listen 1.0, and without observation.json"
+    )
     frames: Count = Field(description="test frames in which their truths differ (IoU below 0.5)")
     right: Count = Field(description="frames of these in which both predictions are right, each for its own sound")
 
@@ -283,12 +323,17 @@ class Machine(Record):
 class Evaluator(Record):
     """The software and settings that computed the figures."""
 
-    left_out: ClassVar[frozenset[str]] = frozenset({"provenance", "machine"})
+    left_out: ClassVar[frozenset[str]] = frozenset({"provenance", "machine", "bootstrap_unit"})
 
     version: Text
     protocols: dict[Protocol, ProtocolVersion] = Field(description="each requested protocol → its version")
     bootstrap_resamples: Count
     bootstrap_seed: Count
+    bootstrap_unit: Literal["home"] | None = Field(
+        default=None,
+        description="what intervals resample first, and then the observations or groups of siblings in it; null in "
+        "files of older versions, whose intervals resample these alone",
+    )
     voxel_size: NonNegative = Field(description="edge of the voxels of the 3D figures, metres")
     provenance: ProvenanceRecord | None = None
     machine: Machine | None = Field(default=None, description="null in files of older versions")

@@ -20,8 +20,13 @@ CATEGORIES = (
     "clock",
     "telephone",
 )
-#: Categories that are always silent (the paper's hard case: an oven beside a sounding microwave).
-DISTRACTORS = ("oven",)
+#: The paper's hard case beside a sounding microwave; no manifest makes it sound.
+OVEN = "oven"
+#: Distractors: objects without a class id, silent wherever they are seen. A manifest may declare any of them but the
+#: oven, with files of its own: then it is a category like any other.
+DISTRACTORS = (OVEN, "dishwasher", "kettle", "fan", "radio")
+#: Sounds that come from other rooms only and are never marked, so that they have no class id either; the same holds.
+OFF_SCREEN_CATEGORIES = ("dishwasher", "kettle", "fan", "speech_babble", "music", "dog", "street")
 ROOMS = ("bathroom", "kitchen", "living_room")
 #: part_1: one instance of the category that sounds; part_2: several, one sounds; part_3: any number of
 #: sources, with programmes, off-screen sound, silence.
@@ -35,20 +40,40 @@ _MOST_NAMED = 12
 MOST_OWN_CATEGORIES = 255 - len(CATEGORIES)
 
 
-def _known(value: str, allowed: tuple[str, ...], what: str) -> str:
+def _known(value: str, allowed: Sequence[str], what: str) -> str:
     if value in allowed:
         return value
     hint = did_you_mean(value, allowed)
+    raise UsageError(f"unknown {what} {excerpt(value)}: {_expected(allowed)}{hint}")
+
+
+def _expected(allowed: Sequence[str]) -> str:
     more = f" and {len(allowed) - _MOST_NAMED} more" if len(allowed) > _MOST_NAMED else ""
-    raise UsageError(f"unknown {what} {excerpt(value)}: expected one of {', '.join(allowed[:_MOST_NAMED])}{more}{hint}")
+    return f"expected one of {', '.join(allowed[:_MOST_NAMED])}{more}"
 
 
-def check_category(value: str, *, silent: bool = False, own: Sequence[str] = ()) -> str:
-    """Return ``value`` if it is a category (with ``silent``, a distractor passes too), else raise ``UsageError``.
+def check_category(value: str, *, silent: bool = False, off_screen: bool = False, own: Sequence[str] = ()) -> str:
+    """Return ``value`` if it is a category, else raise ``UsageError``.
 
-    ``own`` are the categories that a manifest adds.
+    Args:
+        value: to check.
+        silent: whether objects are meant that may be silent: distractors pass, too.
+        off_screen: whether sounds of other rooms are meant: `OFF_SCREEN_CATEGORIES` pass, too.
+        own: the categories that a manifest adds.
     """
-    return _known(value, (*CATEGORIES, *own, *(DISTRACTORS if silent else ())), "category")
+    allowed = tuple(dict.fromkeys(
+        (*CATEGORIES, *own, *(DISTRACTORS if silent else ()), *(OFF_SCREEN_CATEGORIES if off_screen else ()))
+    ))  # fmt: skip
+    if value not in allowed and value in (*DISTRACTORS, *OFF_SCREEN_CATEGORIES):
+        away = "heard from other rooms alone (a source of part_3 with its room)"
+        if silent:
+            why = f"is no object, but {away}"
+        elif value not in OFF_SCREEN_CATEGORIES:
+            why = "never sounds"
+        else:
+            why = f"is silent where it is seen, and {away}" if value in DISTRACTORS else f"is {away}"
+        raise UsageError(f"{value} {why}: {_expected(allowed)}")
+    return _known(value, allowed, "category")
 
 
 def check_category_name(value: str) -> str:

@@ -279,7 +279,7 @@ def _contents(facts: CardFacts) -> str:
         own = facts.record.categories if facts.record else None
         lines = [
             (c, *(known[(c, part)] for part in parts), sum(known[(c, part)] for part in parts))
-            for c in (*CATEGORIES, *(own or ()))
+            for c in dict.fromkeys((*CATEGORIES, *(own or ()), *sorted(c for c, _ in known)))
         ]
         text += "\n\n" + table(("sounding category", *parts, "all"), lines)
     if known and scenes:

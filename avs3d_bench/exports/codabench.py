@@ -15,7 +15,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from itertools import pairwise
+from itertools import combinations, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,16 @@ import yaml
 
 from avs3d_bench import __version__
 from avs3d_bench.commands.outputs import check_apart, check_replaceable
-from avs3d_bench.contract.competition import DECIMALS, Column, CompetitionTask, columns_of, task_protocols
+from avs3d_bench.contract.competition import (
+    DECIMALS,
+    MAIN_FIGURES,
+    MAIN_WITHOUT_TWINS,
+    Column,
+    CompetitionTask,
+    columns_of,
+    task_protocols,
+)
+from avs3d_bench.contract.schema import ObservationRecord
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports.codabench_files import (
@@ -39,6 +48,7 @@ from avs3d_bench.exports.codabench_format import BUNDLE_YAML, MOST_IMAGE, MOST_T
 from avs3d_bench.exports.codabench_pages import CompetitionFacts, logo, pages, terms
 from avs3d_bench.exports.signatures import BUNDLE
 from avs3d_bench.formats.files import atomic_path, read_bytes
+from avs3d_bench.measures.pair_kinds import pair_kind
 
 #: Masks that the evaluator scores in a second, at least, on one core (docs/competition.md has the measurement).
 _MASKS_PER_SECOND = 20
@@ -118,6 +128,15 @@ class Written:
     size: int
 
 
+def has_twins(truth: Dataset, keys: Sequence[str]) -> bool:
+    """Whether some pair of siblings among the observations is one of twins; then twins rank."""
+    groups: dict[str, list[ObservationRecord]] = {}
+    for one in (truth[key] for key in keys):
+        if one.is_part_3 and one.record is not None:
+            groups.setdefault(one.group_key, []).append(one.record)
+    return any(pair_kind(*pair) == "twins" for some in groups.values() for pair in combinations(some, 2))
+
+
 def write_codabench(
     public: str | Path, private: str | Path, output: str | Path, settings: CompetitionSettings
 ) -> Written:
@@ -142,7 +161,8 @@ def write_codabench(
     check_truth(data, truth)
     phases = _phases(data, truth, settings)
     protocols = task_protocols({key.split("/")[0] for phase in phases for key in phase.observations})
-    columns = columns_of(tuple(protocols))
+    twins = all(has_twins(truth, phase.observations) for phase in phases)
+    columns = columns_of(tuple(protocols), MAIN_FIGURES if twins else MAIN_WITHOUT_TWINS)
     facts = _facts(data, phases, columns, settings)
     with atomic_path(output) as temporary:
         with Archive(temporary) as bundle:

@@ -119,7 +119,8 @@ def _evaluation(facts: CompetitionFacts) -> str:
     )
     scenes = f"\n{_scene_files()}" if PART_3 in facts.parts else ""
     groups = (
-        " In part_3, pair accuracy is a mean over groups of siblings, and intervals are over groups."
+        " In part_3, pair accuracies (twins, all pairs, the other kinds) are means over groups of siblings, and "
+        "intervals are over homes, then groups."
         if PART_3 in facts.parts
         else ""
     )

@@ -34,12 +34,12 @@ observation.
 | `audible`          | (K,) bool: whether a source of class c is audible, in place c − 1; off-screen ones, too |
 | `group`            | text: key of the observation whose pictures this one has; its own in the other parts |
 | `stems`            | (S, 2, 44100) float32: the clip of each source, zeros beyond; with ``stems=True``    |
-| `stem_classes`     | (S,) int64: class id of each stem, 0 beyond; with ``stems=True``                     |
+| `stem_classes`     | (S,) int64: class id of each stem, 0 beyond and for sounds of no class; with ``stems=True`` |
 | `background`       | (2, 44100) float32: zeros where there is none; with ``stems=True``                   |
 
 In part_3 the direction, ``sounding_instance`` and ``category`` are those of the first source: where there is none, they
-are NaN, −1 (also for an off-screen source) and an empty text, and ``category_index`` is −1. ``stems`` of the other
-parts hold the clip.
+are NaN, −1 (also for an off-screen source) and an empty text, and ``category_index`` is −1, as for a sound of no class
+(`OFF_SCREEN_CATEGORIES`). ``stems`` of the other parts hold the clip.
 
 With ``stack=k`` an item is k consecutive frames of one observation and every value gains a leading dimension (texts
 become lists of k, ``key``, ``category`` and ``group`` stay single).

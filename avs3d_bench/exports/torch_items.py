@@ -154,7 +154,7 @@ class ItemFacts:
         numbers: key of the item → (n, …) values.
         texts: key of the item → n texts.
         kinds: kinds of files that the observation has.
-        class_id: of its (first) source's category; 0: there is none.
+        class_id: of its (first) source's category; 0: there is none, or it is of no class.
         classes: class id of each source; empty if the sources are not known.
     """
 
@@ -194,13 +194,13 @@ class ItemFacts:
             if all(facts[name] is not None for facts in table)
         }
         ids = class_ids((record.categories if record else None) or (keys.own if keys else ()))
-        class_id = 0 if observation.category is None else ids[observation.category]
+        class_id = ids.get(observation.category or "", 0)  # a sound of another room may be of no class
         if record is not None:
             numbers["category_index"] = np.full(len(found), class_id - 1 if class_id else NO_CATEGORY, dtype=np.int64)
         if keys is not None:
             texts["group"] = (observation.group_key,) * len(found)
             numbers["audible"] = np.array([_audible_classes(frame, ids) for frame in found])
-        classes = tuple(ids[source.category] for source in record.sound_sources) if record else ()
+        classes = tuple(ids.get(source.category, 0) for source in record.sound_sources) if record else ()
         rows = {frame.name: row for row, frame in enumerate(found)}
         return cls(rows, numbers, texts, file_kinds(observation, (*READERS, CATEGORIES, STEMS)), class_id, classes)
 
@@ -259,5 +259,5 @@ class ItemFacts:
 def _audible_classes(frame: Frame, ids: dict[str, int]) -> NDArray[np.bool_]:
     """(K,) whether a source of class c is audible, in place c − 1; none is known in the official release."""
     record, entry = frame.observation.record, frame.record
-    heard = [ids[source.category] for source in record.audible_sources(entry)] if record and entry else []
+    heard = [ids.get(source.category, 0) for source in record.audible_sources(entry)] if record and entry else []
     return np.isin(np.arange(1, len(ids) + 1), heard)

@@ -16,7 +16,6 @@ import numpy as np
 
 from avs3d_bench.contract import layout
 from avs3d_bench.contract.schema import AudibleRecord, BackgroundRecord, ObservationRecord, SourceRecord
-from avs3d_bench.contract.taxonomy import DISTRACTORS
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import direction_to
@@ -155,7 +154,7 @@ def instance_colours(record: ObservationRecord) -> dict[int, Colour]:
     """Instance id → RGB; the same in all siblings of a group."""
     if record.sources is None:
         return pictures.instance_colours([instance.id for instance in record.instances], record.sounding.id)
-    could_sound = sorted(i.id for i in record.instances if i.category not in DISTRACTORS)
+    could_sound = sorted(i.id for i in record.instances if i.category in record.class_ids)
     ranked = {number: SOURCE_COLOURS[rank % len(SOURCE_COLOURS)] for rank, number in enumerate(could_sound)}
     return {instance.id: ranked.get(instance.id, SILENT_COLOUR) for instance in record.instances}
 

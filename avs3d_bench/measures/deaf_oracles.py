@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from avs3d_bench.contract import layout
 from avs3d_bench.contract.schema import InstanceRecord, ObservationRecord
-from avs3d_bench.contract.taxonomy import DISTRACTORS
 from avs3d_bench.dataset import Frame
 from avs3d_bench.errors import Avs3dError
 
@@ -30,7 +29,7 @@ _HIGHEST_ID = 65_535
 
 def can_sound(record: ObservationRecord) -> tuple[InstanceRecord, ...]:
     """The instances of a category that can sound, whether they sound here or not, by id: all but distractors."""
-    found = (instance for instance in record.instances if instance.category not in DISTRACTORS)
+    found = (instance for instance in record.instances if instance.category in record.class_ids)
     return tuple(sorted(found, key=lambda instance: instance.id))
 
 

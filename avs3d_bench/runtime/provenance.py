@@ -113,6 +113,7 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
     "scores": (
         *CONTRACT,
         "avs3d_bench.measures.deaf_oracles",
+        "avs3d_bench.measures.pair_kinds",
         "avs3d_bench.formats.predictions",
         "avs3d_bench.contract.scores",
         "avs3d_bench.sealing.seal",
@@ -143,6 +144,13 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
     ),
     "baselines.oracle": (*CONTRACT, "baselines.oracle", "baselines.oracle_errors"),
     "baselines.owod_bind": (*CONTRACT, "baselines.networks", "baselines.owod_bind"),
+    "baselines.references": (
+        *CONTRACT,
+        "baselines.echosegnet.binaural",
+        "baselines.oracle",
+        "baselines.oracle_errors",
+        "baselines.references",
+    ),
 }
 #: Parts of listed folders that do not count, except where a row lists them by name: commands, pages, comparisons.
 LEFT_OUT = frozenset(

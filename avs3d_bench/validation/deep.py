@@ -25,6 +25,7 @@ from avs3d_bench.validation.model import check_model
 from avs3d_bench.validation.off_screen import check_off_screen
 from avs3d_bench.validation.pictures import check_twin
 from avs3d_bench.validation.receivers import check_receivers
+from avs3d_bench.validation.seams import check_seams
 from avs3d_bench.validation.siblings import same_files
 from avs3d_bench.validation.sightings import (
     Labels,
@@ -122,6 +123,8 @@ def _check_sound(
     """
     frames = observation.frames
     clips = [check_clip(frame, files, findings) for frame in frames]
+    if ours:
+        check_seams(clips, findings)
     heard = hearings(record, frames, clips, visible)
     check_sides(record, heard, findings)
     check_delays(heard, findings)

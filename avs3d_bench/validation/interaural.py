@@ -46,6 +46,10 @@ LEAST_FRAMES, LEAST_SINES = 4, 0.5
 #: noise, pulses or onsets, 10 paths in furnished and bare rooms, 3 engines) the least slope has +3.4, of 30 with a
 #: steady tone −1.0.
 SURE = 3.0
+#: Steady tones and hums sound in so few bands (median over the clips). Their standing waves give a slope by chance,
+#: which must be so many standard errors. Of 36 observations with tones of 110 Hz to 4 kHz and hums the least has −2.5,
+#: as chance makes it: 3 would be wrong once in several hundred observations.
+TONAL_BANDS, TONAL_SURE = 5, 5.0
 #: A clip is exchanged if that explains it better by this log-likelihood ratio; 3.7 at most in 7,680 correct ones.
 _ONE_SURE = 10.0
 #: The order of the clips is judged where this share of the variance of their levels is common to all bands (intraclass
@@ -88,6 +92,18 @@ def _band_sums() -> NDArray[np.float64]:
     return np.asarray(bins[:, None] == np.arange(1, len(_EDGES)), dtype=np.float64)
 
 
+def _own_power(samples: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(bands,) power of a whole clip.
+
+    In short windows a steady tone leaks into its neighbour bands, which then seem to agree with it; in one as long as
+    the clip it does not.
+    """
+    count = samples.shape[1]
+    spectrum = np.square(np.abs(np.fft.rfft(samples * np.hanning(count)))).sum(axis=0)
+    edges = np.searchsorted(np.fft.rfftfreq(count, 1 / layout.SAMPLE_RATE), _EDGES)
+    return np.asarray(np.add.reduceat(spectrum, edges)[:-1])
+
+
 def side_level(samples: NDArray[np.floating]) -> SideLevel | None:
     """The level difference at onsets of a clip (2, n) at 44.1 kHz, channel 0 left; None for silence.
 
@@ -102,7 +118,8 @@ def side_level(samples: NDArray[np.floating]) -> SideLevel | None:
     onset = np.maximum(total[1:] - left[:-1] * fall[1], 0.0) / np.maximum(total[1:], 1e-30)
     ears = (power[:, 1:] * onset).sum(axis=1)
     whole = total.sum(axis=0)
-    sounds = (whole > whole.max() * _FLOOR) & (ears.max(axis=0) > 0)
+    own = _own_power(samples)
+    sounds = (own > own.max() * _FLOOR) & (ears.max(axis=0) > 0)
     if not sounds.any():
         return None
     ears = np.maximum(ears[:, sounds], 1e-30)  # one side may be digital silence
@@ -243,14 +260,15 @@ def check_sides(record: ObservationRecord | None, heard: Sequence[Hearing], find
         findings.add(layout.BINAURAL, f"{clips}, both ears hear the same, wherever the source is")
         return
     fit = SideFit.of(levels, sines)
-    if fit.certainty < -SURE:
+    sure = TONAL_SURE if tonal(levels) else SURE
+    if fit.certainty < -sure:
         text = f"{clips}, the louder ear is on the wrong side of the source ({-fit.certainty:.1f} standard errors)"
         findings.add(layout.BINAURAL, f"{text}: are the channels swapped?")
         return
     for number, (one, level) in enumerate(pairs):
         if level.db * sines[number] < 0 and len(levels) > LEAST_FRAMES:
             rest = SideFit.of([*levels[:number], *levels[number + 1 :]], np.delete(sines, number))
-            if rest.certainty > SURE and rest.log_ratio(level, float(sines[number])) > _ONE_SURE:
+            if rest.certainty > sure and rest.log_ratio(level, float(sines[number])) > _ONE_SURE:
                 text = f"the ear away from the source is {abs(level.db):.1f} dB louder, at {one.azimuth:.0f}°"
                 text = f"{text} in line of sight; other frames have it {rest.slope:.1f} dB quieter at 90°"
                 findings.add(layout.audio_path(layout.BINAURAL, one.frame.index), f"{text}: are the channels swapped?")
@@ -261,6 +279,11 @@ def check_sides(record: ObservationRecord | None, heard: Sequence[Hearing], find
         findings.add(
             layout.BINAURAL, f"{clips}, level differences follow {elsewhere}, not the source: does that sound?"
         )
+
+
+def tonal(levels: Sequence[SideLevel]) -> bool:
+    """Whether clips hold a steady tone or a hum: sound in a few bands, without the onsets that splatter over all."""
+    return bool(levels) and float(np.median([level.bands for level in levels])) <= TONAL_BANDS
 
 
 def order_problem(levels: Sequence[SideLevel], sines: NDArray[np.float64]) -> str | None:
@@ -283,6 +306,7 @@ def _elsewhere(record: ObservationRecord, pairs: Sequence[tuple[Hearing, SideLev
     if record.is_part_3:
         return None  # its sources are held to their own stems
     levels = [level for _, level in pairs]
+    sure = TONAL_SURE if tonal(levels) else SURE
     for instance in record.instances:
         if instance.sounding:
             continue
@@ -290,7 +314,7 @@ def _elsewhere(record: ObservationRecord, pairs: Sequence[tuple[Hearing, SideLev
         towards = [direction_to(one.frame.pose, tuple(middle.tolist())).azimuth for one, _ in pairs]
         other = SideFit.of(levels, np.sin(np.radians(towards)))
         share = other.variance / fit.variance
-        if share < _ELSEWHERE_SHARE and -len(levels) / 2 * np.log(share) > _ELSEWHERE_SURE and other.certainty > SURE:
+        if share < _ELSEWHERE_SHARE and -len(levels) / 2 * np.log(share) > _ELSEWHERE_SURE and other.certainty > sure:
             return f"instance {instance.id} ({instance.category}, silent)"
     return None
 
@@ -299,12 +323,14 @@ def check_delays(heard: Sequence[Hearing], findings: Findings) -> None:
     """The ear on the source's side hears it first: for clips that are played backwards it is the other ear.
 
     Below 1.2 kHz, where the delay between the ears is less than half a period, their correlation is higher at the delay
-    of the source (Woodworth's sphere) than at its opposite. Echoes and tones mislead single frames, not their mean.
+    of the source (Woodworth's sphere) than at its opposite. Echoes mislead single frames, not their mean. Steady tones
+    sound the same backwards: nothing is said of them.
     """
     low, high = DELAY_AZIMUTHS
-    evidence = [delay_evidence(one.sound.samples, one.azimuth) for one in heard if low <= abs(one.azimuth) <= high]
-    if len(evidence) < DELAY_FRAMES:
+    beside = [one for one in heard if low <= abs(one.azimuth) <= high]
+    if len(beside) < DELAY_FRAMES or tonal([one.level for one in beside if one.level is not None]):
         return
+    evidence = [delay_evidence(one.sound.samples, one.azimuth) for one in beside]
     count, prior = len(evidence), _PRIOR_FRAMES * _DELAY_SPREAD**2
     mean, scatter = float(np.mean(evidence)), float(np.var(evidence)) * count
     error = ((scatter + prior) / (count - 1 + _PRIOR_FRAMES) / count) ** 0.5

@@ -29,7 +29,7 @@ from avs3d_bench.validation.interaural import (
     order_problem,
     side_level,
 )
-from avs3d_bench.validation.sound import FULL_SCALE, SILENCE, BinauralClip, check_response
+from avs3d_bench.validation.sound import SILENCE, BinauralClip, check_peak, check_response
 from avs3d_bench.validation.stems import SUM_TOLERANCE
 
 #: Power of the channels of a degree above W's (dB): largest mean over the clips. N3D instead of SN3D is 4.8 dB (degree
@@ -107,9 +107,7 @@ def _read_clip(frame: Frame, name: str, channels: int, files: set[str], findings
     clip = read(findings, files, path, lambda: media.read_wav(frame.observation.path / path))
     if clip is None or clip.samples.shape != (channels, layout.BINAURAL_SAMPLES):
         return None  # format: named by the shallow check
-    peak = float(np.abs(clip.samples).max())
-    if peak >= FULL_SCALE:
-        findings.add(path, f"clipped: the peak is {peak:.3f} of full scale")
+    check_peak(path, clip.samples, findings)
     power = np.mean(np.square(clip.samples, dtype=np.float64), axis=1)
     if power.max() >= SILENCE**2:
         quiet = np.flatnonzero(power < power.max() * SILENT_CHANNEL)

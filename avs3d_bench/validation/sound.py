@@ -16,8 +16,8 @@ from avs3d_bench.validation.findings import Findings, read
 
 #: A channel whose RMS is below this is silent (−120 dB of full scale).
 SILENCE = 1e-6
-#: Sound that reaches full scale counts as clipped.
-FULL_SCALE = 1.0
+#: Sound that reaches full scale counts as clipped; above −1 dBFS, what encodes or resamples it may clip it.
+FULL_SCALE, CEILING = 1.0, 10 ** (-1 / 20)
 #: Levels in observation.json: relative, and absolute for 16-bit files.
 RMS_TOLERANCE = (1e-3, 2e-5)
 
@@ -30,13 +30,20 @@ class BinauralClip:
     rms: NDArray[np.float64]
 
 
+def check_peak(path: str, samples: NDArray[np.floating], findings: Findings) -> None:
+    """Name sound that is clipped, or that is close to it."""
+    peak = float(np.abs(samples).max(initial=0.0))
+    if peak >= FULL_SCALE:
+        findings.add(path, f"clipped: the peak is {peak:.3f} of full scale")
+    elif peak > CEILING:
+        findings.add(path, f"the peak is {20 * np.log10(peak):.2f} dBFS, expected −1 or less", "warning")
+
+
 def _sound_problems(
     path: str, samples: NDArray[np.float32], findings: Findings, *, may_be_silent: bool
 ) -> NDArray[np.float64]:
     """Clipping and silence (of one channel alone, where a clip may be silent); returns the RMS of each channel."""
-    peak = float(np.abs(samples).max(initial=0.0))
-    if peak >= FULL_SCALE:
-        findings.add(path, f"clipped: the peak is {peak:.3f} of full scale")
+    check_peak(path, samples, findings)
     rms = np.sqrt(np.mean(np.square(samples.astype(np.float64)), axis=1))
     quiet = [f"channel {channel}" for channel, level in enumerate(rms) if level < SILENCE]
     if quiet and not (may_be_silent and len(quiet) == len(rms)):

@@ -12,11 +12,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
 
-from avs3d_bench.contract.scores import PairScores, SiblingScores
+from avs3d_bench.contract.scores import PairKind, PairScores, SiblingScores
 from evaluators.metrics.masks import FrameCounts
 
 #: Counts of every prediction against every truth of a frame: row a, column b is prediction a against truth b.
 CrossCounts = Sequence[Sequence[FrameCounts]]
+#: The figure over pairs of every kind.
+ALL_PAIRS = "pair_accuracy"
 
 
 def differ(truths: FrameCounts) -> bool:
@@ -59,6 +61,7 @@ def sibling_scores(
     keys: Sequence[str],
     differing: Iterable[Iterable[tuple[int, int]]],
     frames: Iterable[CrossCounts],
+    kinds: Mapping[tuple[int, int], PairKind] | None = None,
 ) -> SiblingScores:
     """The pairs of the siblings of a group.
 
@@ -67,14 +70,17 @@ def sibling_scores(
         keys: of the siblings.
         differing: for each frame the pairs (rows) whose truths differ.
         frames: the counts of each frame, in the same order.
+        kinds: pair (rows) → its kind (`avs3d_bench.measures.pair_kinds`); None: not known.
     """
     found = {pair: [0, 0] for pair in combinations(range(len(keys)), 2)}
     for pairs, counts in zip(differing, frames, strict=True):
         for pair in pairs:
             found[pair][0] += 1
             found[pair][1] += right_pair(counts, *pair)
+    named = kinds or {}
     pairs_ = tuple(
-        PairScores(first=keys[a], second=keys[b], frames=total, right=right) for (a, b), (total, right) in found.items()
+        PairScores(first=keys[a], second=keys[b], kind=named.get((a, b)), frames=total, right=right)
+        for (a, b), (total, right) in found.items()
     )
     return SiblingScores(group=group, observations=tuple(keys), pairs=pairs_)
 
@@ -86,14 +92,32 @@ def pair_accuracy(pairs: Iterable[PairScores]) -> tuple[float | None, int]:
     return (sum(pair.right for pair in some) / frames if frames else None), frames
 
 
-def pairs_of(siblings: SiblingScores, keys: Iterable[str]) -> list[PairScores]:
-    """The pairs that involve at least one of the observations ``keys``."""
+def pairs_of(siblings: SiblingScores, keys: Iterable[str], figure: str = ALL_PAIRS) -> list[PairScores]:
+    """The pairs of a figure that involve at least one of some observations.
+
+    Args:
+        siblings: of a group.
+        keys: of the observations.
+        figure: one of `PAIR_FIGURES`: ``pair_accuracy`` is about all pairs, a kind about those of the kind.
+    """
     wanted = set(keys)
-    return [pair for pair in siblings.pairs if pair.first in wanted or pair.second in wanted]
+    return [
+        pair
+        for pair in siblings.pairs
+        if figure in (ALL_PAIRS, pair.kind) and (pair.first in wanted or pair.second in wanted)
+    ]
 
 
-def group_accuracies(siblings: Iterable[SiblingScores], keys: Iterable[str]) -> Mapping[str, float]:
-    """Group → pair accuracy over its pairs that involve one of ``keys``; groups without a frame are left out."""
+def group_accuracies(
+    siblings: Iterable[SiblingScores], keys: Iterable[str], figure: str = ALL_PAIRS
+) -> Mapping[str, float]:
+    """Group → pair accuracy over its pairs that involve one of ``keys``; groups without a frame are left out.
+
+    Args:
+        siblings: the groups.
+        keys: of the observations.
+        figure: as for `pairs_of`.
+    """
     wanted = frozenset(keys)
-    found = {one.group: pair_accuracy(pairs_of(one, wanted))[0] for one in siblings}
+    found = {one.group: pair_accuracy(pairs_of(one, wanted, figure))[0] for one in siblings}
     return {group: value for group, value in found.items() if value is not None}

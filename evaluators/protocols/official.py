@@ -28,11 +28,12 @@ def official_summary(observations: Sequence[ObservationScores], *, intervals: bo
         observations: of a part, a category, a room, or all; their order changes nothing.
         intervals: whether to compute them.
     """
-    scored = [scores.official for scores in observations if scores.official]
+    scored = [(scores.official, scores.scan) for scores in observations if scores.official]
     if not scored:
         return None
-    columns = {m.name: [float(getattr(one, m.name)) for one in scored] for m in metrics_of("official")}
+    columns = {m.name: [float(getattr(one, m.name)) for one, _ in scored] for m in metrics_of("official")}
+    homes = {name: [home for _, home in scored] for name in columns}
     return OfficialSummary.model_validate(
         {name: mean(values) for name, values in columns.items()}
-        | {"intervals": column_intervals(columns) if intervals else {}}
+        | {"intervals": column_intervals(columns, homes) if intervals else {}}
     )

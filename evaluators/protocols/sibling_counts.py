@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.contract import layout
-from avs3d_bench.contract.scores import BLIND_REFERENCES, ObservationScores, SiblingScores
+from avs3d_bench.contract.scores import BLIND_REFERENCES, ObservationScores, PairKind, SiblingScores
 from avs3d_bench.contract.taxonomy import class_ids
 from avs3d_bench.dataset import Frame, Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.measures.deaf_oracles import can_sound, instance_ids_of
+from avs3d_bench.measures.pair_kinds import pair_kind
 from evaluators.metrics.classes import Confusion, confusion
 from evaluators.metrics.frames import Truth, reference_figures
 from evaluators.metrics.masks import U8, FrameCounts, as_bytes, frame_counts
@@ -140,10 +141,12 @@ class SiblingCounts:
         """The figures of the siblings; ``clouds`` are not scored, because an observation may have several sources."""
         del clouds
         keys, own, references = [one.key for one in self.observations], self.own, self._all_references()
+        kinds = _kinds(self.observations)
         pairs = {
-            name: sibling_scores(self.group, keys, self.differing, each.frames) for name, each in references.items()
+            name: sibling_scores(self.group, keys, self.differing, each.frames, kinds)
+            for name, each in references.items()
         }
-        siblings = sibling_scores(self.group, keys, self.differing, own.frames)
+        siblings = sibling_scores(self.group, keys, self.differing, own.frames, kinds)
         out = []
         for index, observation in enumerate(self.observations):
             shown = [
@@ -174,6 +177,12 @@ class SiblingCounts:
         names = {number: name for name, number in self._ids.items()}
         listen = listen_observation(observation.key, own, siblings, classes, names)
         return observation_scores(observation, len(own), group=siblings.group, listen=listen)
+
+
+def _kinds(siblings: Sequence[Observation]) -> dict[tuple[int, int], PairKind]:
+    """Pair (places in ``siblings``) → its kind, of those whose sources are known."""
+    known = [(place, one.record) for place, one in enumerate(siblings) if one.record is not None]
+    return {(a, b): pair_kind(first, second) for (a, first), (b, second) in combinations(known, 2)}
 
 
 def _tallies(index: int, shown: Sequence[FrameScore], counts: SiblingCounts) -> tuple[FrameTally, ...]:

@@ -73,18 +73,21 @@ def strict_summary(observations: Sequence[ObservationScores], *, intervals: bool
         observations: of a part, a category, a room, or all; their order changes nothing.
         intervals: whether to compute them.
     """
-    scored = [scores.strict for scores in observations if scores.strict]
-    if not scored:
+    found = [(scores.strict, scores.scan) for scores in observations if scores.strict]
+    if not found:
         return None
-    columns = {
-        m.name: [float(value) for one in scored if (value := getattr(one, m.name)) is not None]
+    scored = [one for one, _ in found]
+    known = {
+        m.name: [(float(value), home) for one, home in found if (value := getattr(one, m.name)) is not None]
         for m in metrics_of("strict")
     }
+    columns = {name: [value for value, _ in pairs] for name, pairs in known.items()}
+    homes = {name: [home for _, home in pairs] for name, pairs in known.items()}
     why = {name: _reason(name, scored) for name, values in sorted(columns.items()) if not values}
     return StrictSummary.model_validate(
         {name: mean(values) for name, values in columns.items()}
         | {
-            "intervals": column_intervals(columns) if intervals else {},
+            "intervals": column_intervals(columns, homes) if intervals else {},
             "counts": {name: len(values) for name, values in columns.items()},
             "unavailable": why,
         }

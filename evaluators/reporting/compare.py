@@ -24,11 +24,12 @@ from avs3d_bench.contract.comparisons import (
     PairedDifference,
     PartOrOverall,
 )
+from avs3d_bench.contract.layout import parse_key
 from avs3d_bench.contract.scores import PROTOCOL_PARTS, PROTOCOLS, Metric, Protocol, metrics_of
 from avs3d_bench.errors import UsageError
 from evaluators.reporting.leaderboard import read_entry
 from evaluators.reporting.ranking import ScoresEntry, ScoringRule, dataset_identity, rulers_of, truth_figures
-from evaluators.statistics.bootstrap import RESAMPLES, SEED
+from evaluators.statistics.bootstrap import RESAMPLES, SEED, homes_note
 from evaluators.statistics.comparison import WARN_BELOW, compare_figure, metric_of
 from evaluators.statistics.sign_flips import LEVEL, flips_for
 
@@ -88,7 +89,7 @@ def compare(
         dataset=_dataset(next(iter(entries.values()))),
         files=tuple(_file(name, entry) for name, entry in entries.items()),
         figures=tuple(enough),
-        warnings=(*_oracles(entries), *_uncommon(entries, common), *_few(found)),
+        warnings=(*_oracles(entries), *_uncommon(entries, common), *_few(found), *_homes(found, common)),
     )
 
 
@@ -250,6 +251,13 @@ def _uncommon(entries: Mapping[str, ScoresEntry], common: Sequence[str]) -> list
         return []
     text = ", ".join(f"{name} {count}" for name, count in counts.items())
     return [f"observations differ ({text}): each pair of methods is compared over those that both have"]
+
+
+def _homes(found: Iterable[FigureComparison], keys: Iterable[str]) -> list[str]:
+    """A line if there are intervals, and the observations lie in few homes."""
+    intervals = any(one.interval for figure in found for one in figure.differences)
+    note = homes_note([parse_key(key).scan for key in keys]) if intervals else None
+    return [note] if note else []
 
 
 def _few(found: Iterable[FigureComparison]) -> list[str]:

@@ -20,6 +20,7 @@ from avs3d_bench.contract.scores import (
     DEAF_ORACLES,
     DEAF_REFERENCES,
     METRICS,
+    PAIR_FIGURES,
     GroupScores,
     Metric,
     ObservationScores,
@@ -34,6 +35,7 @@ from evaluators.reporting.factors import factor_page
 from evaluators.reporting.pages import PART_NOTES, PART_TITLES, REFERENCE_TITLES, figure, interval, write_page
 from evaluators.reporting.pictures import Triple, draw_triple
 from evaluators.reporting.siblings import draw_siblings
+from evaluators.statistics.bootstrap import homes_note
 from evaluators.statistics.frame_rows import frame_rows
 
 #: Groups of siblings that a report shows, those with the most wrong pairs first.
@@ -142,6 +144,7 @@ def report_values(scores: Scores, rows: Sequence[FrameRow] = ()) -> dict[str, An
         "scores": scores,
         "partial": scores.dataset.scored < scores.dataset.observations,
         "unseen": unseen_note(scores),
+        "few_homes": homes_note([row.scan for row in scores.observations]),
         "frame_count": scores.overall.frames,
         "metrics": known,
         "spans": [(name, sum(metric.protocol == name for metric in known)) for name in scores.avs3d_eval.protocols],
@@ -176,9 +179,10 @@ def observation_figure(observation: ObservationScores, metric: Metric) -> float 
 
 
 def headline(known: Iterable[Metric]) -> Metric | None:
-    """The main figure: pair accuracy where there are part_3 observations, else strict IoU, else the released mIoU."""
+    """The main figure: the pair accuracy over twins where there are some, else over all, strict IoU, released mIoU."""
     by_name = {(metric.protocol, metric.name): metric for metric in known}
-    order = (("listen", "pair_accuracy"), ("listen", "IoU"), ("strict", "IoU"), ("official", "mIoU"))
+    listen = [("listen", name) for name in ("twins", "pair_accuracy", "IoU")]
+    order = (*listen, ("strict", "IoU"), ("official", "mIoU"))
     return next((by_name[each] for each in order if each in by_name), None)
 
 
@@ -190,7 +194,8 @@ def in_order(known: tuple[Metric, ...]) -> tuple[Metric, ...]:
 
 def cards(scores: Scores, known: tuple[Metric, ...]) -> tuple[PartCard, ...]:
     """Overall and each part at a glance; the main figure of a part is one of a protocol that scores it."""
-    chosen = {("listen", "pair_accuracy"), ("listen", "IoU"), ("listen", "FP_rate"), ("listen", "class_mIoU"),
+    chosen = {*(("listen", name) for name in PAIR_FIGURES), ("listen", "IoU"), ("listen", "FP_rate"),
+              ("listen", "class_mIoU"),
               ("strict", "F"), ("strict", "boundary_F"), ("strict", "FP_rate"), ("strict", "wrong_instance_rate"),
               ("strict", "IoU_3D"), ("official", "mIoU"), ("official", "F")}  # fmt: skip
     found = []

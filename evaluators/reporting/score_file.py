@@ -10,7 +10,7 @@ import hashlib
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,8 @@ from avs3d_bench.commands.report import printable
 from avs3d_bench.contract import layout
 from avs3d_bench.contract.schema import parse_record
 from avs3d_bench.contract.scores import (
+    PAIR_FIGURES,
+    PAIR_KINDS,
     PROTOCOL_PARTS,
     GroupScores,
     ListenObservation,
@@ -30,7 +32,7 @@ from avs3d_bench.contract.scores import (
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.files import read_bytes
 from evaluators.metrics.masks import mean
-from evaluators.metrics.pairs import pair_accuracy, pairs_of
+from evaluators.metrics.pairs import ALL_PAIRS, pair_accuracy, pairs_of
 from evaluators.reading.origin import totals
 from evaluators.summary import summarise
 
@@ -39,6 +41,10 @@ MAX_SCORES_BYTES = 64 * 2**20
 #: Largest difference of a mean from that of the file's own observations: values are kept to nine digits.
 _ROUNDING = 1e-8
 _NAMED = 100
+#: Field that tells a record → its fields that came with `listen` 1.1.
+_ADDED: Mapping[str, Collection[str]] = {
+    "bootstrap_seed": ("bootstrap_unit",), "right": ("kind",), "pair_accuracy": PAIR_KINDS,
+}  # fmt: skip
 _SCORE_AGAIN = "score the submission again"
 
 
@@ -75,9 +81,22 @@ def read_scores(path: Path, *, check: bool = True) -> Scores:
 
 
 def contents_digest(scores: Scores) -> str:
-    """Hexadecimal sha256 of the contents of a file of scores: the order of keys and the report's place do not count."""
-    contents = json.dumps(scores.model_dump(mode="json", exclude={"report"}), sort_keys=True)
-    return hashlib.sha256(contents.encode()).hexdigest()
+    """Hexadecimal sha256 of the contents of a file of scores: the order of keys and the report's place do not count.
+
+    Nor do fields without a value that earlier versions did not have: a file keeps its digest.
+    """
+    contents = _without_added(scores.model_dump(mode="json", exclude={"report"}))
+    return hashlib.sha256(json.dumps(contents, sort_keys=True).encode()).hexdigest()
+
+
+def _without_added(value: Any) -> Any:
+    """A JSON document without the null fields that came with `listen` 1.1: unit of intervals, kinds of pairs."""
+    if isinstance(value, list):
+        return [_without_added(inner) for inner in value]
+    if not isinstance(value, dict):
+        return value
+    added = {name for mark, names in _ADDED.items() if mark in value for name in names}
+    return {name: _without_added(inner) for name, inner in value.items() if not (inner is None and name in added)}
 
 
 def read_verification(path: Path) -> VerificationRecord:
@@ -164,9 +183,11 @@ def _row_faults(row: ObservationScores, scores: Scores) -> Iterator[str]:
             )
     if isinstance(row.listen, ListenObservation):
         siblings = [one for one in scores.siblings or () if row.key in one.observations]
-        accuracy, frames = pair_accuracy(pair for one in siblings for pair in pairs_of(one, [row.key]))
-        if not _same(row.listen.pair_accuracy, accuracy) or row.listen.pair_frames != frames:
-            yield f"{where}.listen.pair_accuracy: does not follow from the pairs in siblings"
+        for name in PAIR_FIGURES:
+            accuracy, frames = pair_accuracy(pair for one in siblings for pair in pairs_of(one, [row.key], name))
+            counted = row.listen.pair_frames == frames or name != ALL_PAIRS
+            if not _same(getattr(row.listen, name), accuracy) or not counted:
+                yield f"{where}.listen.{name}: does not follow from the pairs in siblings"
         if not _same(row.listen.class_mIoU, mean(row.listen.class_IoU.values())):
             yield f"{where}.listen.class_mIoU: is not the mean of class_IoU"
 
@@ -190,8 +211,11 @@ def _group_faults(where: str, group: GroupScores, found: GroupScores) -> Iterato
             if interval is not None and (interval[0] > interval[1] or true is None):
                 yield f"{where}.{protocol}.intervals.{metric.name}: {list(interval)} is no interval of {_text(true)}"
         for name in ("counts", "groups"):
-            if getattr(mine, name, None) != getattr(expected, name, None):
-                yield f"{where}.{protocol}.{name}: {getattr(mine, name)}, but the observations give {expected.counts}"
+            value, true = getattr(mine, name, None), getattr(expected, name, None)
+            if value is not None and true is not None and name == "counts":
+                value = dict.fromkeys(true, 0) | value  # a figure that a file of an older version lacks has no value
+            if value != true:
+                yield f"{where}.{protocol}.{name}: {getattr(mine, name)}, but the observations give {true}"
 
 
 def _reference_faults(where: str, parts: Mapping[str, GroupScores]) -> Iterator[str]:

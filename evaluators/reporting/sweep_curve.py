@@ -6,7 +6,7 @@ only its observations had been scored: means over observations, pair accuracy ov
 same condition only.
 
 The change from a reference value is the mean of paired differences: of each original under both conditions, or of each
-group for pair accuracy. Its interval resamples originals, in part_3 groups, as `avs3d compare` does.
+group for pair accuracy. Its interval resamples homes, then originals, in part_3 groups, as `avs3d compare` does.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from csv import DictWriter
 from dataclasses import dataclass
 from pathlib import Path
 
-from avs3d_bench.contract.scores import METRICS, GroupScores, Metric, ObservationScores, SiblingScores
+from avs3d_bench.contract.layout import parse_key
+from avs3d_bench.contract.scores import METRICS, PAIR_FIGURES, GroupScores, Metric, ObservationScores, SiblingScores
 from avs3d_bench.errors import Avs3dError, UsageError, did_you_mean
 from evaluators.metrics.pairs import group_accuracies
 from evaluators.reporting.leaderboard import read_entries
@@ -62,8 +63,8 @@ class SweepPoint:
 
     def units(self, metric: Metric) -> dict[str, tuple[str, float]]:
         """The units by which differences are paired (an original, or a group) → their cluster and value of a figure."""
-        if (metric.protocol, metric.name) == ("listen", "pair_accuracy"):
-            found = group_accuracies(self.siblings, [row.key for row in self.rows])
+        if metric.protocol == "listen" and metric.name in PAIR_FIGURES:
+            found = group_accuracies(self.siblings, [row.key for row in self.rows], metric.name)
             return {group: (group, value) for group, value in found.items()}
         known = [(row, figure_of(row, metric)) for row in self.rows]
         return {
@@ -111,7 +112,9 @@ class SweepCurve:
         clusters: dict[str, list[float]] = {}
         for (_, before), (cluster, after) in pairs:
             clusters.setdefault(cluster, []).append(after - before)
-        spread = difference_interval(list(clusters.values()))
+        # A cluster is named by the key of an observation, which names the home.
+        homes = [parse_key(cluster).scan for cluster in clusters]
+        spread = difference_interval(list(clusters.values()), homes=homes)
         mean = math.fsum(value for some in clusters.values() for value in some) / len(pairs)
         return Change(mean, None if spread is None else (spread.low, spread.high), len(pairs))
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from avs3d_bench.commands.report import printable
 from avs3d_bench.contract.schema import Scalar
-from avs3d_bench.contract.scores import ALL_REFERENCES, METRICS, GroupScores, Metric, Scores
+from avs3d_bench.contract.scores import ALL_REFERENCES, METRICS, PAIR_FIGURES, GroupScores, Metric, Scores
 from avs3d_bench.contract.taxonomy import PARTS
 from avs3d_bench.text.printable import no_formula
 from evaluators.reporting import paper
@@ -25,7 +25,7 @@ COLUMNS: tuple[Metric, ...] = tuple(
     if (metric.protocol, metric.name)
     in {
         ("official", "mIoU"), ("official", "F"), ("strict", "IoU"), ("strict", "F"), ("strict", "wrong_instance_rate"),
-        ("listen", "pair_accuracy"), ("listen", "IoU"), ("listen", "FP_rate"), ("listen", "class_mIoU"),
+        *(("listen", name) for name in (*PAIR_FIGURES, "IoU", "FP_rate", "class_mIoU")),
     }
 )  # fmt: skip
 

@@ -135,6 +135,8 @@ def _legend(table: PaperTable, section: PaperSection, notes: Sequence[tuple[str,
     better = f"Higher is better, except {' and '.join(lower)}." if lower else "Higher is better."
     slanted = "*Slanted*: reference rows; deaf: true masks chosen without sound."
     over = "observations (listen: over groups of siblings)" if _listens(section) else "observations"
+    if all(row.entry.scores.avs3d_eval.bootstrap_unit for row in section.rows if row.entry):
+        over = f"homes, then {over.replace('over ', '')}"
     yield f"- {better} In brackets: 95 % interval, bootstrap over {over}. {slanted}"
     if any(row.paper for row in section.rows):
         scene = f" ({paper.TABLE_3_SCENE} alone)" if table.name == "table3" else ""

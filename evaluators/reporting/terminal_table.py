@@ -6,9 +6,10 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from avs3d_bench.commands.report import screen
-from avs3d_bench.contract.scores import ALL_REFERENCES, METRICS, GroupScores, Metric, Scores
+from avs3d_bench.contract.scores import ALL_REFERENCES, METRICS, PAIR_KINDS, GroupScores, Metric, Scores
 from evaluators.protocols.strict import unseen_note
 from evaluators.reading.archive import printable
+from evaluators.statistics.bootstrap import homes_note
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -25,6 +26,10 @@ _HEADINGS = {
     "IoU_3D": "3D\nIoU",
     "centroid_error": "centr.\nerr. m",
     "pair_accuracy": "pair\nacc.",
+    "category": "cate-\ngory",
+    "off_screen": "off-\nscr.",
+    "silence": "si-\nlence",
+    "several": "sev-\neral",
     "class_mIoU": "class\nmIoU",
 }
 
@@ -60,7 +65,7 @@ def _interval(group: GroupScores, metric: Metric) -> str:
 def print_scores(scores: Scores, console: Console | None = None) -> None:
     """Print the means per part, category and room, the reference rows, and the figures that are unavailable.
 
-    The intervals (95 %, bootstrap over observations) are printed below the means of the parts.
+    The intervals (95 %, bootstrap over homes and observations) are printed below the means of the parts.
     """
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
@@ -121,12 +126,21 @@ def _print_notes(scores: Scores, out: Console) -> None:
             out.print(Text(f"  {name.removeprefix('deaf_').replace('_', ' ')}: {masks}", style="dim"))
         if "deaf_category" in scores.references:
             out.print(Text("in part_1 nothing else could sound, so that they are the truth", style="dim"))
+    if scores.overall.listen is not None and any(
+        getattr(scores.overall.listen, kind) is not None for kind in PAIR_KINDS
+    ):
+        names = ", ".join(kind.replace("_", "-") for kind in PAIR_KINDS)
+        out.print(Text(f"{names}: pair accuracy by kind of pair", style="dim"))
     part = scores.dataset
     if part.scored < part.observations:
         out.print(Text(f"{part.scored} of {part.observations} observations were asked for: no score of the benchmark"))
     unseen = unseen_note(scores)
     if unseen:
         out.print(Text(f"warning: {unseen}"), soft_wrap=True)
+    if any(getattr(scores.overall, name).intervals for name in scores.avs3d_eval.protocols):
+        note = homes_note([row.scan for row in scores.observations])
+        if note:
+            out.print(Text(note, style="dim"), soft_wrap=True)
     for metric in METRICS:
         reasons = getattr(getattr(scores.overall, metric.protocol), "unavailable", {})
         if metric.name in reasons:

@@ -1,7 +1,8 @@
 """Paired comparison of methods: differences over common observations, with intervals, p-values and shared places.
 
-The values of one figure are paired by observation (`pair_accuracy`: by group of siblings). Under ``listen`` whole
-groups are resampled and change sign, as siblings share their pictures. docs/comparing.md has formulas and examples.
+The values of one figure are paired by observation (pair accuracies: by group of siblings). Under ``listen`` whole
+groups are resampled and change sign, as siblings share their pictures; intervals resample homes first.
+docs/comparing.md has formulas and examples.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from avs3d_bench.contract.comparisons import ComparedMethod, FigureComparison, PairedDifference, PartOrOverall, Verdict
-from avs3d_bench.contract.scores import METRICS, Metric, ObservationScores, Scores
+from avs3d_bench.contract.scores import METRICS, PAIR_FIGURES, Metric, ObservationScores, Scores
 from avs3d_bench.errors import UsageError
 from evaluators.metrics.pairs import group_accuracies
 from evaluators.statistics.bootstrap import difference_interval
@@ -63,10 +64,12 @@ class Values:
     Attributes:
         of: what has a value (key of an observation; keys of all scored siblings, for the pair accuracy) → value.
         units: the same → what is resampled and changes sign as a whole.
+        homes: unit → the home that it lies in.
     """
 
     of: Mapping[str, float]
     units: Mapping[str, str]
+    homes: Mapping[str, str]
 
     @property
     def mean(self) -> float:
@@ -77,17 +80,15 @@ class Values:
 def values_of(scores: Scores, metric: Metric, part: str) -> Values:
     """The values of the observations of a part, or ``overall``, that have the figure."""
     chosen = [one for one in scores.observations if part in ("overall", one.part)]
-    if (metric.protocol, metric.name) == ("listen", "pair_accuracy"):
+    if metric.protocol == "listen" and metric.name in PAIR_FIGURES:
         names = {one.group: " ".join(sorted(one.observations)) for one in scores.siblings or ()}
-        accuracies = group_accuracies(scores.siblings or (), [one.key for one in chosen])
+        accuracies = group_accuracies(scores.siblings or (), [one.key for one in chosen], metric.name)
         found = {names[group]: value for group, value in accuracies.items()}
-        return Values(found, {name: name for name in found})
+        homes = {names[one.group]: one.scan for one in chosen if one.group is not None and one.group in accuracies}
+        return Values(found, {name: name for name in found}, homes)
     known = [(one, value) for one in chosen if (value := figure_of(one, metric)) is not None]
-    grouped = metric.protocol == "listen"
-    return Values(
-        {one.key: value for one, value in known},
-        {one.key: (one.group or one.key) if grouped else one.key for one, _ in known},
-    )
+    units = {one.key: (one.group or one.key) if metric.protocol == "listen" else one.key for one, _ in known}
+    return Values({one.key: value for one, value in known}, units, {units[one.key]: one.scan for one, _ in known})
 
 
 @dataclass(frozen=True)
@@ -98,11 +99,13 @@ class Pair:
         first: name of one.
         second: name of the other.
         clusters: differences by unit: observations, or groups of siblings.
+        homes: of each unit.
     """
 
     first: str
     second: str
     clusters: tuple[tuple[float, ...], ...]
+    homes: tuple[str, ...]
 
     @classmethod
     def of(cls, first: tuple[str, Values], second: tuple[str, Values]) -> Pair:
@@ -112,7 +115,8 @@ class Pair:
         for key in sorted(mine.of.keys() & theirs.of.keys()):
             away = mine.of[key] - theirs.of[key]
             clusters.setdefault(mine.units[key], []).append(0.0 if abs(away) < _NOTHING else away)
-        return cls(name, other, tuple(tuple(cluster) for cluster in clusters.values()))
+        homes = tuple(mine.homes[unit] for unit in clusters)
+        return cls(name, other, tuple(tuple(cluster) for cluster in clusters.values()), homes)
 
     @property
     def sums(self) -> list[float]:
@@ -176,7 +180,7 @@ def _p_values(pairs: Sequence[Pair]) -> list[float]:
 
 
 def _difference(pair: Pair, p: float, corrected: float, metric: Metric, intervals: bool) -> PairedDifference:
-    interval = difference_interval(pair.clusters) if intervals else None
+    interval = difference_interval(pair.clusters, homes=pair.homes) if intervals else None
     mean = math.fsum(pair.sums) / pair.count
     return PairedDifference(
         first=pair.first, second=pair.second, units=len(pair.clusters), observations=pair.count, mean=mean,

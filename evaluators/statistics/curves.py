@@ -2,8 +2,8 @@
 
 A bin's figure is computed as that of a whole dataset, from the frames of the bin alone: a mean over observations of
 means over frames, for the pair accuracy a mean over groups of shares of pairs. So a single bin with all frames has the
-figure of the file of scores. Intervals resample observations (under ``listen``, groups); docs/factors.md has the
-definition with a worked example.
+figure of the file of scores. Intervals resample homes, then observations (under ``listen``, groups); docs/factors.md
+has the definition with a worked example.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from avs3d_bench.contract.frame_rows import FrameRow
 from avs3d_bench.contract.scores import METRICS, Metric
 from avs3d_bench.contract.taxonomy import CATEGORIES, ROOMS
 from evaluators.metrics.masks import mean
-from evaluators.statistics.bootstrap import DifferenceInterval, clustered_interval, difference_interval, interval
+from evaluators.statistics.bootstrap import DifferenceInterval, clustered_interval, difference_interval
 
 #: Figures that are shown by factor, the main one first.
 FIGURES: tuple[Metric, ...] = tuple(
@@ -207,24 +207,28 @@ def point(rows: Sequence[FrameRow], metric: Metric, *, intervals: bool = True) -
     value = mean(flat)
     if value is None:
         return None
-    found = None
-    if intervals:
-        # With one value per cluster, the very interval of the file of scores.
-        single = metric.protocol == "strict"
-        found = interval(flat) if single else clustered_interval(clusters)
+    homes = _homes(rows)
+    found = clustered_interval(clusters, homes=[homes[unit] for unit in values]) if intervals else None
     return FactorPoint(value, found, len(flat), len(rows))
 
 
 def difference(first: Sequence[FrameRow], second: Sequence[FrameRow], metric: Metric) -> BinDifference | None:
     """First minus second over what both have values for; None of nothing."""
     mine, theirs = values_of(first, metric), values_of(second, metric)
-    clusters = [
-        [value - theirs[unit][key] for key, value in values.items() if key in theirs[unit]]
+    homes = _homes(first)
+    clusters = {
+        unit: [value - theirs[unit][key] for key, value in values.items() if key in theirs[unit]]
         for unit, values in mine.items()
         if unit in theirs
-    ]
-    value = mean(each for cluster in clusters for each in cluster)
-    return None if value is None else BinDifference(value, difference_interval(clusters))
+    }
+    value = mean(each for cluster in clusters.values() for each in cluster)
+    found = difference_interval(list(clusters.values()), homes=[homes[unit] for unit in clusters])
+    return None if value is None else BinDifference(value, found)
+
+
+def _homes(rows: Iterable[FrameRow]) -> dict[str, str]:
+    """Resampled unit (observation or group) → its home."""
+    return {row.group or row.key: row.scan for row in rows}
 
 
 def curve(tables: Sequence[Sequence[FrameRow]], factor: Factor, metric: Metric) -> FactorCurve:

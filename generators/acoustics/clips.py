@@ -20,6 +20,9 @@ from generators.acoustics.geometry import SPEED_OF_SOUND
 GAIN = 0.1
 #: Half length of the interpolation of changing delays, samples.
 _TAPS = 16
+#: Time in which a listener gets from one pose to the next (s): in the first samples of a clip, sound as the pose before
+#: hears it turns into sound as this one does. Without it, every border of two clips is a click.
+STEP_SECONDS = 0.005
 
 
 def receiver_clip(
@@ -28,11 +31,12 @@ def receiver_clip(
     index: int,
     sample_rate: int = SAMPLE_RATE,
     gain: float = GAIN,
+    tail: int = 0,
 ) -> NDArray[np.float32]:
     """The second ``index`` of the source as heard by a receiver at pose ``index``, earlier reverberation included.
 
-    clip = gain · (source ∗ h)[index·sr : (index + 1)·sr]. Only the stretch of the source that can still be heard is
-    convolved (overlap-add).
+    clip = gain · (source ∗ h)[index·sr : (index + 1)·sr + tail]. Only the stretch of the source that can still be heard
+    is convolved (overlap-add).
 
     Args:
         source: (n,) mono source signal from time 0 on; n ≥ (index + 1)·sample_rate.
@@ -40,16 +44,18 @@ def receiver_clip(
         index: frame number = second of the source.
         sample_rate: of both, Hz.
         gain: fixed gain, the same for all clips of a dataset.
+        tail: samples of the next second that are wanted too, see `joined`; the source is silent where it has ended.
 
     Returns:
-        (channels, sample_rate) float32.
+        (channels, sample_rate + tail) float32.
 
     Raises:
         Avs3dError: if the source is too short, shapes are wrong, or a number is not finite.
     """
     signal = np.asarray(source)
     response = _checked(signal, impulse_response, index, sample_rate)
-    start, stop = index * sample_rate, (index + 1) * sample_rate
+    start, stop = index * sample_rate, (index + 1) * sample_rate + tail
+    signal = _lengthened(signal, stop)
     first = max(0, start - response.shape[1] + 1)
     heard = signal[first:stop].astype(np.float64)
     wet = oaconvolve(heard[None, :], response.astype(np.float64), axes=1)[:, start - first : stop - first]
@@ -80,6 +86,7 @@ def moving_clip(
     index: int,
     sample_rate: int = SAMPLE_RATE,
     gain: float = GAIN,
+    tail: int = 0,
 ) -> NDArray[np.float32]:
     """The second ``index`` of a moving source, as heard by a listener at pose ``index``.
 
@@ -105,9 +112,10 @@ def moving_clip(
         index: frame number = second of the source.
         sample_rate: of all, Hz.
         gain: fixed gain.
+        tail: samples of the next second that are wanted too, see `joined`; in them the source stands still.
 
     Returns:
-        (channels, sample_rate) float32; where all responses and distances are equal, what `receiver_clip` gives.
+        (channels, sample_rate + tail) float32; where all responses and distances are equal, what `receiver_clip` gives.
 
     Raises:
         Avs3dError: as `receiver_clip`, and if there are not as many distances as responses.
@@ -116,25 +124,52 @@ def moving_clip(
     count = len(impulse_responses)
     if count < 2 or len(distances) != count:
         raise Avs3dError(f"moving clip {index}: {count} responses and {len(distances)} distances, expected 2 or more")
-    start, stop = index * sample_rate, (index + 1) * sample_rate
-    knots = stop + sample_rate * np.arange(1 - count, 1)
+    start, stop = index * sample_rate, (index + 1) * sample_rate + tail
+    knots = (index + 1) * sample_rate + sample_rate * np.arange(1 - count, 1)
     lags = np.asarray(distances, dtype=np.float64) / SPEED_OF_SOUND * sample_rate
-    out = np.zeros((np.shape(impulse_responses[0])[0], sample_rate))
+    lengthened = _lengthened(signal, stop)
+    out = np.zeros((np.shape(impulse_responses[0])[0], sample_rate + tail))
     for k, found in enumerate(impulse_responses):
         response = _checked(signal, found, index, sample_rate)
         # The stretch in which sound leaves the source with this response, and can still be heard.
         low = max(0, start - response.shape[1] + 1, int(knots[k - 1]) if k else 0)
-        high = int(knots[min(k + 1, count - 1)])
+        high = int(knots[k + 1]) if k + 1 < count else stop
         if low >= high:
             continue
         n = np.arange(low, high)
         lag = np.interp(n, knots, lags) - lags[k]
-        leaving = np.interp(n, knots, np.eye(count)[k]) * delayed(signal, lag, low)
+        leaving = np.interp(n, knots, np.eye(count)[k]) * delayed(lengthened, lag, low)
         wet = oaconvolve(leaving[None, :], response.astype(np.float64), axes=1)
         heard = wet[:, max(start - low, 0) : stop - low]
         at = max(low - start, 0)
         out[:, at : at + heard.shape[1]] += heard
     return np.asarray(gain * out, dtype=np.float32)
+
+
+def joined(clip: NDArray[np.float32], before: NDArray[np.float32]) -> NDArray[np.float32]:
+    """A clip that goes on where the clip before it ends.
+
+    In the first samples, sound as it is heard at the pose before turns into sound as it is heard at this one, by a
+    raised cosine: neither the sound pressure nor its slope jumps. What both poses hear alike stays as it is.
+
+    Args:
+        clip: (channels, n) of a second.
+        before: (channels, k) the first k samples of that second as the pose before hears them, from `receiver_clip`
+            or `moving_clip` with a tail.
+
+    Returns:
+        (channels, n) float32.
+    """
+    count = before.shape[1]
+    rise = np.sin((np.arange(count) + 0.5) / count * (np.pi / 2)) ** 2
+    out = clip.copy()
+    out[:, :count] = before + rise * (clip[:, :count].astype(np.float64) - before)
+    return out
+
+
+def _lengthened(signal: NDArray[np.floating], count: int) -> NDArray[np.floating]:
+    """The signal with silence after its end, so that it has at least ``count`` samples."""
+    return np.pad(signal, (0, max(0, count - len(signal))))
 
 
 def delayed(signal: NDArray[np.floating], delay: NDArray[np.floating], first: int) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""Catalogue of the procedural models: the seven sounding categories, and the silent oven as a distractor.
+"""Catalogue of the procedural models: the seven sounding categories, and the distractors, which are always silent.
 
 A category has variants, the products of the benchmarks, and training variants: families that draw another product from
 each generator state, so that what is trained on them has not seen a model of a benchmark.
@@ -14,8 +14,12 @@ from generators.assets.model import Model, framed
 from generators.assets.objects import (
     clock,
     coffee_machine,
+    dishwasher,
+    fan,
+    kettle,
     microwave,
     oven,
+    radio,
     telephone,
     toilet,
     vacuum_cleaner,
@@ -26,8 +30,12 @@ from generators.assets.objects.finishes import mirrored
 from generators.assets.objects.training import (
     clocks,
     coffee_machines,
+    dishwashers,
+    fans,
+    kettles,
     microwaves,
     ovens,
+    radios,
     telephones,
     toilets,
     vacuum_cleaners,
@@ -46,6 +54,10 @@ _VARIANTS: dict[str, dict[str, Build]] = {
     "clock": clock.VARIANTS,
     "telephone": telephone.VARIANTS,
     "oven": oven.VARIANTS,
+    "dishwasher": dishwasher.VARIANTS,
+    "kettle": kettle.VARIANTS,
+    "fan": fan.VARIANTS,
+    "radio": radio.VARIANTS,
 }
 _FAMILIES: dict[str, dict[str, Build]] = {
     "washing_machine": washing_machines.FAMILIES,
@@ -56,6 +68,10 @@ _FAMILIES: dict[str, dict[str, Build]] = {
     "clock": clocks.FAMILIES,
     "telephone": telephones.FAMILIES,
     "oven": ovens.FAMILIES,
+    "dishwasher": dishwashers.FAMILIES,
+    "kettle": kettles.FAMILIES,
+    "fan": fans.FAMILIES,
+    "radio": radios.FAMILIES,
 }
 if not set(_VARIANTS) == set(_FAMILIES) == {*CATEGORIES, *DISTRACTORS}:
     raise RuntimeError("the catalogue's categories differ from the taxonomy's")

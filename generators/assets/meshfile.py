@@ -54,6 +54,10 @@ _DEFAULTS = {
     "clock": CategoryDefaults(0.34, "wall", 0.5),
     "telephone": CategoryDefaults(0.14, "surface", 0.5),
     "oven": CategoryDefaults(0.29, "surface", 0.5),
+    "dishwasher": CategoryDefaults(0.85, "floor", 0.5),
+    "kettle": CategoryDefaults(0.24, "surface", 0.5),
+    "fan": CategoryDefaults(0.42, "surface", 0.65),
+    "radio": CategoryDefaults(0.19, "surface", 0.5),
 }
 #: Words in a material's name that determine its acoustic label.
 _WORDS = {

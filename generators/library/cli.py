@@ -78,12 +78,20 @@ def list_assets(lock: Path | None, html: Path | None, kind: str | None, category
 
 
 @assets.command()
-@click.argument("source", required=False, type=click.Choice(["sketchfab", "freesound", "bbc"]), metavar="[SOURCE]")
+@click.argument(
+    "source", required=False, type=click.Choice(["sketchfab", "freesound", "bbc", "github"]), metavar="[SOURCE]"
+)
 @click.argument("refs", nargs=-1, metavar="[ID]...")
 @click.option("--category", type=CATEGORY, metavar="NAME", default=None, help="Category of the new assets.")
 @click.option("--format", "form", default=None, metavar="NAME", help="glb, gltf | preview, original | wav, mp3")
 @click.option("--manifest", type=PATH, default=None, metavar="FILE", help="Fetch the assets that this manifest names.")
 @click.option("--id", "ids", multiple=True, metavar="ID", help="Fetch only this asset of the lock file; repeatable.")
+@click.option(
+    "--from", "folder", type=PATH, default=None, metavar="FOLDER", help="Take pinned files that are here from here."
+)
+@click.option("--licence", default="", metavar="NAME", help="github: licence of the files, an SPDX identifier.")
+@click.option("--author", default="", metavar="NAME", help="github: author of the files.")
+@click.option("--url", default="", metavar="ADDRESS", help="github: where the files are from, if not the repository.")
 @lock_option
 @licence_option
 @stance_options
@@ -95,6 +103,7 @@ def fetch(
     form: str | None,
     manifest: Path | None,
     ids: tuple[str, ...],
+    folder: Path | None,
     lock: Path | None,
     allowed: tuple[str, ...],
     **options: Any,
@@ -105,22 +114,28 @@ def fetch(
     avs3d assets fetch --manifest scenes_manifest/mine.yaml
     avs3d assets fetch sketchfab UID --category toilet --height 0.78
     avs3d assets fetch freesound 1234 5678 --category clock
+    avs3d assets fetch github OWNER/NAME@COMMIT:PATH --category clock --licence CC0-1.0 --author NAME
 
-    SOURCE is sketchfab, freesound or bbc. Tokens are read from SKETCHFAB_TOKEN and FREESOUND_TOKEN (originals:
+    SOURCE is sketchfab, freesound, bbc or github. Tokens are read from SKETCHFAB_TOKEN and FREESOUND_TOKEN (originals:
     FREESOUND_OAUTH_TOKEN). Exit status: 0 if all files are in the store, 1 if some are missing (each is named).
     """  # noqa: D301  # click's mark for lines that stay apart
+    from generators.library.folder import Told
+    from generators.library.licences import spdx
     from generators.library.lock import LOCK_NAME, update_lock
+    from generators.library.session import Stance
+    from generators.library.sources import fetch_new
 
     stance = stance_of(options)
     session = make_session(allowed, options)
     path = lock or (manifest.parent / LOCK_NAME if manifest is not None else lock_path(None))
+    credit = {name: options[name] for name in ("licence", "author", "url")}
     if source is None:
-        if category or form or stance is not None:
+        if category or form or stance is not None or any(credit.values()):
             raise UsageError(
-                "--category, --format and the options of an object's size and orientation are for new assets: name a "
-                "SOURCE and an ID"
+                "--category, --format, --licence, --author, --url and the options of an object's size and orientation "
+                "are for new assets: name a SOURCE and an ID"
             )
-        _fetch_pinned(path, _wanted(path, manifest, ids), session)
+        _fetch_pinned(path, _wanted(path, manifest, ids), session, folder)
         return
     if not refs or category is None:
         raise UsageError(
@@ -128,14 +143,15 @@ def fetch(
         )
     if stance is not None and source != "sketchfab":
         raise UsageError(f"{source} has sounds: --height, --up, --front, --mount and --yaw are for objects")
-    if manifest is not None or ids:
-        raise UsageError("--manifest and --id are for assets in the lock file; leave them out for new assets")
-    from generators.library.session import Stance
-    from generators.library.sources import fetch_new
+    if any(credit.values()) and source != "github":
+        raise UsageError(f"{source} tells licence and author itself: --licence, --author and --url are for github")
+    if manifest is not None or ids or folder is not None:
+        raise UsageError("--manifest, --id and --from are for assets in the lock file; leave them out for new assets")
+    told = Told(category, spdx(credit["licence"]), credit["author"], credit["url"])
 
     def take(ref: str) -> AssetEntry:
         assert source is not None
-        entry = fetch_new(source, ref, category, stance or Stance(), session, form)
+        entry = fetch_new(source, ref, told, stance or Stance(), session, form)
         update_lock(path, (entry,))
         return entry
 
@@ -178,14 +194,16 @@ def _wanted(path: Path, manifest: Path | None, ids: tuple[str, ...]) -> tuple[As
     return tuple(find_entry(path, name) for name in ids) if ids else read_lock(path).assets
 
 
-def _fetch_pinned(path: Path, entries: tuple[AssetEntry, ...], session: Session) -> None:
+def _fetch_pinned(path: Path, entries: tuple[AssetEntry, ...], session: Session, folder: Path | None) -> None:
+    from generators.library.folder import nearby
     from generators.library.sources import fetch_pinned
 
+    here = nearby(folder, entries) if folder is not None else {}
     fetched = 0
     failed: list[str] = []
     for entry in entries:
         try:
-            if fetch_pinned(entry, session):
+            if fetch_pinned(entry, session, here):
                 fetched += 1
                 click.echo(f"{entry.id}: {entry.bytes / 1e6:.2f} MB, {entry.licence}")
         except (Avs3dError, OSError) as error:

@@ -12,7 +12,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from avs3d_bench.commands.click_options import PATH
-from avs3d_bench.contract.taxonomy import CATEGORIES, DISTRACTORS, check_category_name
+from avs3d_bench.contract.taxonomy import CATEGORIES, DISTRACTORS, OFF_SCREEN_CATEGORIES, check_category_name
 from avs3d_bench.errors import Avs3dError, UsageError, did_you_mean
 from avs3d_bench.formats.files import os_error_line
 
@@ -30,7 +30,7 @@ class _Category(click.types.StringParamType):
     """A category of the benchmark, or any name that a manifest may add; a note says so where it looks like a slip."""
 
     name = "category"
-    known = (*CATEGORIES, *DISTRACTORS)
+    known = tuple(dict.fromkeys((*CATEGORIES, *DISTRACTORS, *OFF_SCREEN_CATEGORIES)))
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         try:

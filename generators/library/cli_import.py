@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from avs3d_bench.commands.click_options import PATH, Group
-from avs3d_bench.errors import Avs3dError
+from avs3d_bench.errors import Avs3dError, UsageError
 from generators.library.cli_common import (
     CATEGORY,
     licence_option,
@@ -62,11 +62,16 @@ def sh3f(
 
 @import_.command()
 @click.argument("path", type=PATH, metavar="FOLDER")
+@click.option("--licence", default="", metavar="NAME", help="Licence of all files: an SPDX identifier or its address.")
+@click.option("--author", default="", metavar="NAME", help="Author of the files.")
+@click.option("--category", type=CATEGORY, metavar="NAME", default=None, help="Category of the files.")
 @click.option(
-    "--licence", required=True, metavar="NAME", help="Licence of all files: an SPDX identifier or its address."
+    "--index",
+    type=PATH,
+    default=None,
+    metavar="FILE",
+    help="Instead of these three: a table (CSV) with file, category, licence and author of each.",
 )
-@click.option("--author", required=True, metavar="NAME", help="Author of the files.")
-@click.option("--category", type=CATEGORY, metavar="NAME", required=True, help="Category of the files.")
 @click.option("--kind", type=click.Choice(["object", "sound"]), default=None, help="Only meshes, or only sounds.")
 @click.option("--url", default="", metavar="ADDRESS", help="Address of their source.")
 @click.option("--name", default=None, metavar="NAME", help="Name used in their ids (default: the folder's name).")
@@ -76,22 +81,30 @@ def sh3f(
 def folder(
     path: Path, kind: str | None, name: str | None, lock: Path | None, allowed: tuple[str, ...], **options: Any
 ) -> None:
-    """Import every mesh (GLB, glTF, OBJ) and sound (WAV, FLAC, OGG, MP3) of a folder."""
-    from generators.library.folder import Told, asset_ids, candidates, take_file
+    """Import every mesh (GLB, glTF, OBJ) and sound (WAV, FLAC, OGG, MP3) of a folder, or those of an index."""
+    from generators.library.folder import Told, asset_ids, candidates, read_index, take_file
     from generators.library.licences import spdx
     from generators.library.lock import update_lock
     from generators.library.session import Stance
 
     session, stance, target = make_session(allowed), stance_of(options) or Stance(), lock_path(lock)
-    told = Told(options["category"], spdx(options["licence"]), options["author"], options["url"])
+    index, credit = options["index"], [options[name] for name in ("category", "licence", "author")]
+    if (index is None) != all(credit) or (index is not None and any(credit)):
+        raise UsageError("import folder: expected either --category, --licence and --author of all files, or --index")
+    found = candidates(path, kind)  # type: ignore[arg-type]  # click has checked the kind
+    every = Told(credit[0] or "", spdx(credit[1]), credit[2], options["url"])
+    told = {file: every for _, file in found} if index is None else read_index(index, path)
+    found = tuple(item for item in found if item[1] in told)
+    unknown = sorted({file.name for file in told} - {file.name for _, file in found})
+    if unknown and kind is None:
+        raise UsageError(f"{index}: {unknown[0]} is neither a mesh nor a sound that can be read; leave it out")
+    ids = asset_ids(path, [file for _, file in found], name)
 
     def take(item: Any) -> AssetEntry:
-        entry = take_file(path, item[1], item[0], session, asset=ids[item[1]], told=told, stance=stance)
+        entry = take_file(path, item[1], item[0], session, asset=ids[item[1]], told=told[item[1]], stance=stance)
         update_lock(target, (entry,))
         return entry
 
-    found = candidates(path, kind)  # type: ignore[arg-type]  # click has checked the kind
-    ids = asset_ids(path, [file for _, file in found], name)
     take_each(found, take, target)
 
 

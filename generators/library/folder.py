@@ -6,19 +6,22 @@ depend only on those files, so that one hash pins them all.
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast, get_args
 from urllib.parse import unquote
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import files
 from generators.library.archive import bundle
-from generators.library.lock import AssetEntry, Kind, slug
+from generators.library.licences import spdx
+from generators.library.lock import AssetEntry, Kind, Split, slug
 from generators.library.session import Offer, Session, Stance, keep
 from generators.library.store import MESH_SUFFIXES, SOUND_SUFFIXES
 
@@ -75,21 +78,96 @@ def asset_ids(root: Path, paths: Iterable[Path], name: str | None = None) -> dic
     }
 
 
+def nearby(folder: Path, entries: Sequence[AssetEntry]) -> dict[str, Path]:
+    """sha256 → file below ``folder`` that is the pinned one of an entry, under whatever name.
+
+    Raises:
+        UsageError: if there is no such folder.
+    """
+    if not folder.is_dir():
+        raise UsageError(f"--from {folder}: no such folder; name one that holds pinned files")
+    wanted = {entry.sha256 for entry in entries}
+    sizes = {entry.bytes for entry in entries}
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and path.stat().st_size in sizes and (digest := files.sha256_file(path)) in wanted:
+            found[digest] = path
+    return found
+
+
 @dataclass(frozen=True)
 class Told:
-    """The user's description of the files of a folder.
+    """The user's description of files whose source says nothing about them.
 
     Attributes:
         category: their category.
         licence: in SPDX's spelling.
         author: their author.
         url: address of their source.
+        title: of a single file; empty: its name.
+        trim, split: of a recording, see `AssetEntry`.
     """
 
     category: str
-    licence: str
-    author: str
+    licence: str = ""
+    author: str = ""
     url: str = ""
+    title: str = ""
+    trim: tuple[float, float] | None = None
+    split: Split | None = None
+
+
+#: Columns of an index of a folder.
+NEEDED, OPTIONAL = ("file", "category", "licence", "author"), ("title", "url", "split", "begin", "end")
+
+
+def read_index(index: Path, folder: Path) -> dict[Path, Told]:
+    """What a table (CSV) says about the files of a folder, one row each.
+
+    Args:
+        index: the table; its first row names the columns: `NEEDED`, and any of `OPTIONAL`; others are ignored.
+        folder: the names in column ``file`` are relative to it.
+
+    Raises:
+        Avs3dError: one line that names the row and the column.
+    """
+    told: dict[Path, Told] = {}
+    try:
+        with index.open(newline="", encoding="utf-8") as stream:
+            table = csv.DictReader(stream)
+            missing = [name for name in NEEDED if name not in (table.fieldnames or ())]
+            if missing:
+                raise Avs3dError(
+                    f"{index}: has no column {missing[0]!r}; expected {', '.join(NEEDED)}, and if wanted "
+                    f"{', '.join(OPTIONAL)}"
+                )
+            for row in table:
+                path = folder / (row["file"] or "")
+                told[path] = _told(row, path, f"{index}: line {table.line_num}")
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise Avs3dError(f"{index}: cannot be read as a table ({error}); expected CSV in UTF-8") from None
+    return told
+
+
+def _told(row: Mapping[str, str | None], path: Path, where: str) -> Told:
+    """A row of an index."""
+    said = {name: (row.get(name) or "").strip() for name in (*NEEDED, *OPTIONAL)}
+    empty = next((name for name in NEEDED if not said[name]), None)
+    if empty is not None:
+        raise Avs3dError(f"{where}: column {empty!r} is empty; every file needs {', '.join(NEEDED)}")
+    if not path.is_file():
+        raise Avs3dError(f"{where}: no file {said['file']!r} in {path.parent}")
+    if said["split"] not in ("", *get_args(Split)):
+        raise Avs3dError(f"{where}: split {said['split']!r}; expected {', '.join(get_args(Split))}, or nothing")
+    trim = None
+    if said["begin"] or said["end"]:
+        try:
+            trim = float(said["begin"] or 0), float(said["end"])
+        except ValueError:
+            raise Avs3dError(f"{where}: begin {said['begin']!r}, end {said['end']!r}; expected seconds") from None
+    split = cast("Split | None", said["split"] or None)
+    credit = spdx(said["licence"]), said["author"], said["url"], said["title"]
+    return Told(said["category"], *credit, trim=trim, split=split)
 
 
 def take_file(
@@ -113,13 +191,17 @@ def take_file(
     relative = path.relative_to(base).as_posix()
     if not relative.isprintable():
         raise Avs3dError(f"{asset}: the name {relative!a} is not valid UTF-8; rename the file")
+    size, most = path.stat().st_size, session.limits.max_bytes
+    if size > most:
+        raise Avs3dError(f"{asset}: {relative} has {size / 1e6:.0f} MB, expected {most / 1e6:.0f} at most; cut it")
     file, data = f"{'model' if kind == 'object' else 'sound'}{path.suffix.lower()}", files.read_bytes(path)
     members = mesh_files(path, base) if kind == "object" else {}
     if len(members) > 1:
         file, data = "model.zip", bundle(members)
     offer = Offer(
         id=asset, kind=kind, category=told.category, source="folder", ref=relative,
-        url=told.url, title=path.stem, author=told.author, licence=told.licence, file=file,
+        url=told.url, title=told.title or path.stem, author=told.author, licence=told.licence, file=file,
+        trim=told.trim, split=told.split,
     )  # fmt: skip
     return keep(offer, session, data, stance)
 

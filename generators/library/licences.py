@@ -25,6 +25,8 @@ Verdict = Literal["free", "share-alike", "refused"]
 REMARC = "LicenseRef-RemArc"
 PUBLIC_DOMAIN = "LicenseRef-PublicDomain"
 SAMPLING_PLUS = "CC-Sampling-Plus-1.0"
+#: https://pixabay.com/service/license-summary/
+PIXABAY = "LicenseRef-Pixabay"
 
 _FREE = {
     "CC0-1.0", "CC-PDDC", PUBLIC_DOMAIN, "PDDL-1.0", "Unlicense", "0BSD", "MIT", "ISC", "Zlib", "Apache-2.0",
@@ -35,6 +37,7 @@ _CC = re.compile(r"CC-BY(?P<nc>-NC)?(?P<nd>-ND)?(?P<sa>-SA)?(-\d\.\d)?(-[A-Z]{2,
 _REASONS = {
     REMARC: "is for personal, educational and research use only",
     SAMPLING_PLUS: "forbids sharing the whole work commercially",
+    PIXABAY: "forbids sharing the sound or model on its own",
     "LicenseRef-Sketchfab-Standard": "is Sketchfab's store licence, which forbids sharing the model",
     "LicenseRef-Sketchfab-Free-Standard": "is Sketchfab's store licence, which forbids sharing the model",
     "LicenseRef-Sketchfab-Editorial": "allows editorial use only",
@@ -201,6 +204,8 @@ def _spoken(text: str) -> str | None:
         return SAMPLING_PLUS
     if "remarc" in lower:
         return REMARC
+    if re.fullmatch(r"(the )?pixabay( content)? licen[cs]e", lower):
+        return PIXABAY
     art = re.fullmatch(r"(?:the )?(?:free art(?: licen[cs]e)?|(?:licen[cs]e )?art libre)(?: v?(\d\.\d))?", lower)
     if art:
         return f"LAL-{art[1] or '1.3'}"

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avs3d_bench.commands.outputs import Signature, check_replaceable
-from avs3d_bench.contract.taxonomy import CATEGORIES, DISTRACTORS
+from avs3d_bench.contract.taxonomy import CATEGORIES, DISTRACTORS, OFF_SCREEN_CATEGORIES
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import files
 from avs3d_bench.text.templates import template_environment
@@ -88,8 +88,8 @@ def write_listing(entries: Sequence[AssetEntry], store: Store, folder: Path) -> 
     page = folder / "index.html"
     check_replaceable(page, (_PAGE,))
     cards = [_card(entry, store, folder) for entry in sorted(entries, key=lambda entry: entry.id)]
-    own = sorted({card.entry.category for card in cards} - {*CATEGORIES, *DISTRACTORS})
-    order = (*CATEGORIES, *DISTRACTORS, *own)
+    own = sorted({card.entry.category for card in cards})
+    order = dict.fromkeys((*CATEGORIES, *DISTRACTORS, *OFF_SCREEN_CATEGORIES, *own))
     sections = [
         (category, [card for card in cards if card.entry.category == category])
         for category in order

@@ -33,13 +33,18 @@ _PAUSE = 0.02
 _HEADER = (
     "# Written by `avs3d assets`. Every asset that is not made here: source, author, licence, hash, how it stands.\n"
 )
+#: A recording, or what is used of it, is at least this long: a shorter one cannot be looped (s).
+SHORTEST = 0.5
 _STEP = r"[A-Za-z0-9][A-Za-z0-9._+-]*"
 
 Kind = Literal["object", "sound"]
-Source = Literal["sketchfab", "freesound", "bbc", "esc50", "sh3d", "folder"]
+Source = Literal["sketchfab", "freesound", "bbc", "esc50", "sh3d", "github", "folder"]
+#: Who may hear a recording; see `generators.assets.sounds.Voice.split`.
+Split = Literal["train", "validation", "test"]
 Line = Annotated[str, Field(min_length=1, max_length=1000, pattern=r"^[^\x00-\x1f\x7f]*$")]
 Axis = Annotated[str, Field(pattern=r"^[+-]?[xyz]$")]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+Moment = Annotated[Finite, Field(ge=0.0)]
 
 
 class AssetEntry(BaseModel):
@@ -60,6 +65,8 @@ class AssetEntry(BaseModel):
         height: height to which it is scaled, metres; without it, the file's own units are used.
         mount: kind of surface on which it stands or hangs; default: that of its category.
         yaw: degrees by which it is turned about its up axis afterwards, positive to the left.
+        trim: begin and end of what is used of a recording, seconds; without it, all of it.
+        split: who may hear a recording: networks in training, those who choose settings, or tests alone.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -81,6 +88,8 @@ class AssetEntry(BaseModel):
     height: Annotated[Finite, Field(gt=0.01, le=5.0)] | None = None
     mount: Literal["floor", "surface", "wall", "wall_or_surface"] | None = None
     yaw: Annotated[Finite, Field(ge=-360, le=360)] | None = None
+    trim: tuple[Moment, Moment] | None = None
+    split: Split | None = None
 
     @field_validator("category")
     @classmethod
@@ -95,6 +104,13 @@ class AssetEntry(BaseModel):
         given = [name for name in ("up", "front", "height", "mount", "yaw") if getattr(self, name) is not None]
         if self.kind == "sound" and given:
             raise ValueError(f"{given[0]} is given, but belongs to objects only; leave it out for a sound")
+        if self.trim is not None and self.trim[1] - self.trim[0] < SHORTEST:
+            raise ValueError(
+                f"trim is [{self.trim[0]:g}, {self.trim[1]:g}]; expected [begin, end], {SHORTEST} s or more"
+            )
+        heard = [name for name in ("trim", "split") if getattr(self, name) is not None]
+        if self.kind == "object" and heard:
+            raise ValueError(f"{heard[0]} is given, but belongs to sounds only; leave it out for an object")
         if self.kind == "object" and (self.up is None or self.front is None):
             raise ValueError("an object needs up and front, e.g. up: y, front: +z")
         return self
@@ -126,17 +142,23 @@ class Lock(BaseModel):
         return next((entry for entry in self.assets if entry.id == asset), None)
 
     def merged(self, entries: Iterable[AssetEntry]) -> Lock:
-        """A copy of this lock with ``entries`` added; an entry of the same id is replaced."""
-        table = {entry.id: entry for entry in (*self.assets, *entries)}
+        """A copy of this lock with ``entries`` added; an entry of the same id is replaced.
+
+        A recording of the same bytes keeps its ``trim`` and ``split`` where the new entry names none.
+        """
+        table = {entry.id: entry for entry in self.assets}
+        for entry in entries:
+            known = table.get(entry.id)
+            if known is not None and known.sha256 == entry.sha256:
+                kept = {name: getattr(known, name) for name in ("trim", "split") if getattr(entry, name) is None}
+                entry = entry.model_copy(update=kept)
+            table[entry.id] = entry
         return Lock(assets=tuple(table[name] for name in sorted(table)))
 
 
 def dump_lock(lock: Lock) -> bytes:
     """The bytes of a lock file; the same entries give the same bytes, in whatever order they came."""
-    entries = [
-        {name: value for name, value in entry.model_dump().items() if value is not None}
-        for entry in sorted(lock.assets, key=lambda entry: entry.id)
-    ]
+    entries = [entry.model_dump(exclude_none=True) for entry in sorted(lock.assets, key=lambda entry: entry.id)]
     text = yaml.dump(
         {"version": lock.version, "assets": entries}, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=4096
     )
@@ -151,7 +173,12 @@ def _float(dumper: yaml.SafeDumper, value: float) -> yaml.ScalarNode:
     return dumper.represent_scalar("tag:yaml.org,2002:float", f"{value:.9g}" if value % 1 else f"{value:.1f}")
 
 
+def _pair(dumper: yaml.SafeDumper, value: tuple[float, ...]) -> yaml.SequenceNode:
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", value, flow_style=True)
+
+
 _Dumper.add_representer(float, _float)
+_Dumper.add_representer(tuple, _pair)
 
 
 def parse_lock(data: bytes, where: Path | str) -> Lock:

@@ -77,6 +77,8 @@ def asset_digests(lock: Path, assets: Iterable[str]) -> dict[str, str]:
     for name in sorted(set(assets)):
         entry = table.find(name)
         if entry is not None:
-            document = [entry.model_dump(), mesh_cleaning.version() if entry.kind == "object" else ""]
+            # A split changes nothing that is heard, and nor does a trim that is not there.
+            unheard = {"split"} if entry.trim is not None else {"split", "trim"}
+            document = [entry.model_dump(exclude=unheard), mesh_cleaning.version() if entry.kind == "object" else ""]
             found[f"asset:{name}"] = hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
     return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Callable, Mapping
@@ -17,11 +18,12 @@ from avs3d_bench.formats import files
 from generators.library.download import Delivered
 from generators.library.http import FetchLimits, Say
 from generators.library.licences import check_licence
-from generators.library.lock import AssetEntry, Kind, Source
+from generators.library.lock import SHORTEST, AssetEntry, Kind, Source, Split
 from generators.library.store import Store
 
-#: A recording shorter than this cannot be looped (see generators/assets/sounds.py), seconds.
-SHORTEST = 0.5
+#: A recording whose peak is below this is silent (−80 dBFS). A note names a larger share of clipped samples, and a
+#: lower sampling rate (Hz).
+_SILENT, _CLIPPED, _LOW_RATE = 1e-4, 1e-4, 16_000
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,8 @@ class Offer:
     author: str
     licence: str
     file: str
+    trim: tuple[float, float] | None = None
+    split: Split | None = None
 
     def entry(self, sha256: str, size: int, stance: Stance = Stance()) -> AssetEntry:  # frozen
         """The entry that pins the bytes.
@@ -83,7 +87,7 @@ class Offer:
             "id": self.id, "kind": self.kind, "category": check_category_name(self.category),
             "source": self.source, "ref": self.ref, "url": self.url, "title": _line(self.title) or self.ref,
             "author": _line(self.author) or "unknown", "licence": _line(self.licence) or "unknown",
-            "file": self.file, "sha256": sha256, "bytes": size,
+            "file": self.file, "sha256": sha256, "bytes": size, "trim": self.trim, "split": self.split,
         }  # fmt: skip
         if self.kind == "object":
             fields |= {
@@ -172,24 +176,37 @@ def check_usable(entry: AssetEntry, session: Session) -> None:
             if line.startswith("warning"):
                 session.say(f"{entry.id}: {line}")
     else:
-        check_sound(entry.id, session.store.path(entry))
+        check_sound(entry, session)
 
 
-def check_sound(what: str, path: Path) -> None:
-    """Refuse a file that libsndfile does not decode, or that is too short.
+def check_sound(entry: AssetEntry, session: Session) -> None:
+    """Refuse a sound that generation could not use, and note what is heard of a poor one.
 
     Raises:
-        Avs3dError: naming the asset.
+        Avs3dError: naming the asset: not decodable, too short, silent, with samples that are no numbers.
     """
+    from generators.assets.sounds import survey
+
+    what, path = entry.id, session.store.path(entry)
     try:
-        info = soundfile.info(path)
+        found = survey(path)
     except (soundfile.SoundFileError, RuntimeError) as error:
         reason = " ".join(str(error).replace(str(path), path.name).split())
         raise Avs3dError(f"{what}: {path.name} cannot be decoded as a sound ({reason}); try another format") from None
-    if info.duration < SHORTEST:
+    if found.seconds < SHORTEST:
         raise Avs3dError(
-            f"{what}: lasts {info.duration:.2f} s; expected at least {SHORTEST} s; choose another recording"
+            f"{what}: lasts {found.seconds:.2f} s; expected at least {SHORTEST} s; choose another recording"
         )
+    if not math.isfinite(found.peak):
+        raise Avs3dError(f"{what}: has samples that are NaN or infinite; repair it, or choose another recording")
+    if found.peak < _SILENT:
+        raise Avs3dError(
+            f"{what}: is silent (peak {found.peak:.1g} in the mean of its channels); choose another recording"
+        )
+    if found.clipped > _CLIPPED:
+        session.say(f"{what}: {found.clipped:.2%} of its samples are clipped, and will sound so")
+    if found.sample_rate < _LOW_RATE:
+        session.say(f"{what}: its {found.sample_rate} Hz hold nothing above {found.sample_rate / 2000:g} kHz")
 
 
 def token(variable: str, what: str, service: str, page: str) -> str:

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from avs3d_bench.contract.taxonomy import CATEGORIES, DISTRACTORS, check_category, check_category_name
+from avs3d_bench.contract.taxonomy import CATEGORIES, OVEN, check_category, check_category_name
 from avs3d_bench.errors import UsageError, did_you_mean, excerpt
 from generators.core.scene import SupportKind
 
@@ -41,14 +41,14 @@ def declared(names: Iterable[str]) -> Iterator[None]:
         _declared.reset(token)
 
 
-def check_name(value: Any, *, silent: bool = False) -> str:
-    """Return ``value`` if it is a category of the paper or a declared one (``silent``: or a distractor).
+def check_name(value: Any, *, silent: bool = False, off_screen: bool = False) -> str:
+    """As `check_category`, with the categories that the manifest being read declares.
 
     Raises:
         ValueError: with the names that exist and the nearest of them; pydantic adds the field's name.
     """
     try:
-        return check_category(value, silent=silent, own=_declared.get())
+        return check_category(value, silent=silent, off_screen=off_screen, own=_declared.get())
     except UsageError as error:
         raise ValueError(str(error)) from None
 
@@ -69,7 +69,7 @@ def _new_name(value: Any) -> str:
         raise ValueError(str(error)) from None
     if value in CATEGORIES:
         raise ValueError(f"{value} is a category of the benchmark already; leave it out, or give it another name")
-    if value in DISTRACTORS:
+    if value == OVEN:
         raise ValueError(f"{value} is always silent in the benchmark; give a category that sounds another name")
     return str(value)
 

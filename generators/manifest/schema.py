@@ -91,6 +91,10 @@ def _silent(value: object) -> str:
     return check_name(value, silent=True)
 
 
+def _heard(value: object) -> str:
+    return check_name(value, off_screen=True)
+
+
 def _room(value: Any) -> str:
     return _named(check_room, value)
 
@@ -110,6 +114,7 @@ Source = Annotated[str, Field(max_length=1000), AfterValidator(_one_line_if_any)
 Axis = Annotated[str, AfterValidator(_axis)]
 RoomName = Annotated[Room, BeforeValidator(_room)]
 InstanceName = Annotated[str, BeforeValidator(_silent)]
+SoundName = Annotated[str, BeforeValidator(_heard)]
 Corner = tuple[Coordinate, Coordinate, Coordinate]
 #: Names of procedural variants of a category; generators.plan checks that they exist.
 Variants = Annotated[tuple[Line, ...], Field(min_length=1)]
@@ -351,7 +356,7 @@ class SourceSpec(_Model):
     ``[[start, end], …]`` (s), ``{bursts: …}`` or ``{turn: …}``. ``gain_db``: level re the common loudness (dB).
     """
 
-    category: Annotated[Category, BeforeValidator(_category)]
+    category: Annotated[Category, BeforeValidator(_heard)]
     instance: int | None = Field(None, ge=1, strict=True)
     room: RoomName | None = None
     programme: Annotated[ProgrammeSpec | None, BeforeValidator(_programme)] = None
@@ -361,6 +366,11 @@ class SourceSpec(_Model):
     def _seen_or_not(self) -> Self:
         if self.room is not None and self.instance is not None:
             raise ValueError(f"instance {self.instance} is an object of the observation's room; leave out it or room")
+        if self.room is None:
+            try:
+                _category(self.category)
+            except ValueError as error:
+                raise FieldError((("category",), str(error))) from None
         return self
 
 
@@ -547,9 +557,9 @@ class Manifest(_Model):
     scans: dict[Slug, ScanSpec]
     categories: dict[CategoryName, CategorySpec] = Field({}, max_length=MOST_OWN_CATEGORIES)
     models: dict[InstanceName, Variants] = {}
-    voices: dict[InstanceName, Variants] = {}
+    voices: dict[SoundName, Variants] = {}
     objects: dict[InstanceName, tuple[ObjectSpec, ...]] = {}
-    sounds: dict[InstanceName, tuple[SoundSpec, ...]] = {}
+    sounds: dict[SoundName, tuple[SoundSpec, ...]] = {}
     notes: str = ""
     acoustics: AcousticsSpec = AcousticsSpec()
     source_motion: SourceMotion = "static"

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -19,7 +19,7 @@ from avs3d_bench.contract import layout
 from avs3d_bench.geometry import Pose
 from avs3d_bench.runtime.ahead import continue_in_fork
 from generators.acoustics.base import AcousticBackend, AcousticSession, BatchSession, ReceiverSession
-from generators.acoustics.clips import binaural_clip, moving_clip, receiver_clip
+from generators.acoustics.clips import STEP_SECONDS, binaural_clip, joined, moving_clip, receiver_clip
 from generators.acoustics.direct import DirectPath
 from generators.backends import acoustic_backend
 from generators.core.scene import Scene
@@ -30,6 +30,8 @@ Sound = TypeVar("Sound")
 
 #: Seconds of the source before the first frame, so that the first clip holds reverberation too.
 PRE_ROLL = 2
+#: Samples in which the listener gets from one pose to the next.
+_STEP = round(STEP_SECONDS * layout.SAMPLE_RATE)
 #: Name of the head among the receivers of `responses_at`.
 HEAD = "head"
 #: Poses that hear a moving source at one place: a clip needs the places one second before and after it too.
@@ -47,10 +49,21 @@ class Recording:
     Attributes:
         clip: (channels, 44100) float32.
         response: (channels, n) float32, from where the source is at the beginning of the second.
+        tail: (channels, k) float32, how the sound goes on for a listener who stays where they are.
     """
 
     clip: NDArray[np.float32]
     response: NDArray[np.float32]
+    tail: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, samples: NDArray[np.float32], response: NDArray[np.float32]) -> Recording:
+        """A second with its tail, as `receiver_clip` and `moving_clip` give them."""
+        return cls(samples[:, : layout.BINAURAL_SAMPLES], response, samples[:, layout.BINAURAL_SAMPLES :])
+
+    def after(self, before: Recording) -> Recording:
+        """The recording of a second, joined to that of the second before."""
+        return replace(self, clip=joined(self.clip, before.tail))
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +80,11 @@ class HeardSource:
     head: Recording
     others: Mapping[str, Recording] = field(default_factory=dict)
     drr_db: float | None = None
+
+    def after(self, before: HeardSource) -> HeardSource:
+        """What is heard in a second, joined to what is heard in the second before."""
+        others = {name: one.after(before.others[name]) for name, one in self.others.items()}
+        return replace(self, head=self.head.after(before.head), others=others)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,8 +146,11 @@ def hear_sources(jobs: Sequence[AcousticJob], seconds: int) -> Generator[tuple[H
         for job in jobs:
             sessions.append(job.open(_POSES_OF_A_PLACE if job.moves else max(1, _TOGETHER // len(jobs))))
         paths = [DirectPath(job.scene, job.path[0]) if job.measures_direct else None for job in jobs]
+        before: tuple[HeardSource, ...] = ()
         for index in range(seconds):
-            yield tuple(_hear(*one, index) for one in zip(jobs, sessions, paths, strict=True))
+            heard = tuple(_hear(*one, index) for one in zip(jobs, sessions, paths, strict=True))
+            yield tuple(one.after(last) for one, last in zip(heard, before, strict=True)) if before else heard
+            before = heard
     finally:
         for session in sessions:
             session.close()
@@ -168,7 +189,9 @@ def _hear(job: AcousticJob, session: AcousticSession, direct: DirectPath | None,
 def _hear_still(job: AcousticJob, session: AcousticSession, index: int) -> dict[str, Recording]:
     """Receiver → what it hears of a source that stands still."""
     responses, second = responses_at(session, job.poses[index]), index + PRE_ROLL
-    return {name: Recording(receiver_clip(job.samples, one, second), one) for name, one in responses.items()}
+    return {
+        name: Recording.of(receiver_clip(job.samples, one, second, tail=_STEP), one) for name, one in responses.items()
+    }
 
 
 def _hear_moving(job: AcousticJob, session: AcousticSession, index: int) -> dict[str, Recording]:
@@ -183,8 +206,9 @@ def _hear_moving(job: AcousticJob, session: AcousticSession, index: int) -> dict
     distances = [math.dist(place, pose.position) for place in places]
     recordings = {}
     for name in found[0]:
-        clip = moving_clip(job.samples, [one[name] for one in found], distances, index + PRE_ROLL)
-        recordings[name] = Recording(clip, found[-2][name])
+        responses = [one[name] for one in found]
+        samples = moving_clip(job.samples, responses, distances, index + PRE_ROLL, tail=_STEP)
+        recordings[name] = Recording.of(samples, found[-2][name])
     return recordings
 
 

@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 
 from avs3d_bench.contract.schema import Room
 from avs3d_bench.errors import Avs3dError, UsageError
-from generators.assets.sounds import enough, load_sound, recorded_seconds, stretches, stretches_in, synthesise
+from generators.assets.sounds import (
+    enough,
+    load_sound,
+    recorded_seconds,
+    stretches,
+    stretches_in,
+    synthesise,
+    usual_voices,
+)
 from generators.core.freespace import FreeSpace
 from generators.core.scene import Licence, Scene
 from generators.library import open_asset
@@ -139,7 +147,7 @@ def choose_signal(plan: ObservationPlan, category: str, nth: int = 1) -> SourceS
     stream = rules.signal_stream.format(category=category, nth=nth)
     entries = plan.sounds.get(category, ())
     if not entries:
-        names = plan.voices.get(category)
+        names = plan.voices.get(category) or usual_voices(category)
         voice = names[int(plan.own_rng(f"{stream}/voice").integers(len(names)))] if names else None
         return _synthesised(plan.seed, plan.own_key, stream, category, seconds, voice)
     if not rules.in_takes:
@@ -157,10 +165,17 @@ class SoundFile:
     path: Path
     asset: str
     licence: Licence
+    trim: tuple[float, float] | None = None
+
+    @property
+    def seconds(self) -> float:
+        """Length of what is used of it (s)."""
+        return recorded_seconds(self.path, self.trim)
 
     def signal(self, seconds: float, start: float = 0.0) -> SourceSignal:
         """The recording as a signal of so many seconds; ``start``: see `load_sound`."""
-        return SourceSignal(load_sound(self.path, seconds, start=start), self.asset, self.licence)
+        samples = load_sound(self.path, seconds, start=start, trim=self.trim)
+        return SourceSignal(samples, self.asset, self.licence)
 
 
 def sound_file(plan: ObservationPlan, category: str, spec: SoundSpec) -> SoundFile:
@@ -171,7 +186,8 @@ def sound_file(plan: ObservationPlan, category: str, spec: SoundSpec) -> SoundFi
     """
     if spec.asset is not None:
         path, entry = open_asset(plan.lock, spec.asset)
-        return SoundFile(path, entry.id, Licence(entry.licence, entry.author, entry.url or entry.ref))
+        licence = Licence(entry.licence, entry.author, entry.url or entry.ref)
+        return SoundFile(path, entry.id, licence, entry.trim)
     path = resolve_file(plan.base, str(spec.file), f"sound for {category}")
     return SoundFile(path, str(spec.file), file_licence(spec))
 
@@ -180,7 +196,7 @@ def _recordings(plan: ObservationPlan, category: str) -> tuple[list[SoundFile], 
     """The recordings of a category, each once, and their lengths (s)."""
     files = [sound_file(plan, category, spec) for spec in plan.sounds.get(category, ())]
     files = list({file.path: file for file in files}.values())
-    return files, [recorded_seconds(file.path) for file in files]
+    return files, [file.seconds for file in files]
 
 
 def check_takes(plans: Iterable[ObservationPlan]) -> None:

@@ -37,9 +37,9 @@ class Pattern:
         return self.alone + len(self.others)
 
 
-#: Patterns of groups with two twins, which take them in turn, and with more, of which two can sound at once while others
-#: are silent. All have the same number of siblings; in so many of them a twin sounds alone that more than two fifths of
-#: the pair-frames are of twins (docs/sampling.md).
+#: Patterns of groups with two twins, which take them in turn, and with more, of which two can sound at once while
+#: others are silent. All have the same number of siblings; in so many of them a twin sounds alone that more than two
+#: fifths of the pair-frames are of twins (docs/sampling.md).
 OF_TWO = (
     Pattern(6, (OFF_SCREEN, SILENCE)),
     Pattern(6, (OFF_SCREEN, OTHER)),

@@ -6,14 +6,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from avs3d_bench.contract.taxonomy import CATEGORIES, DISTRACTORS
+from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.errors import UsageError
 from generators.assets.catalogue import training_variants, variants
-from generators.assets.sounds import voices
+from generators.assets.sounds import usual_voices, voices
 from generators.assets.sounds.voice import Split
 from generators.library.lock import LOCK_NAME
 from generators.manifest.reading import read_manifest
 from generators.manifest.schema import Manifest
+from generators.sampling.rooms import LOOK_ALIKES
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class Excluded:
         Raises:
             UsageError: naming the first category of which none is left.
         """
-        known = {category: training_variants(category) for category in (*CATEGORIES, *DISTRACTORS)}
+        known = {category: training_variants(category) for category in (*CATEGORIES, *LOOK_ALIKES.values())}
         return _left(known, self.variants, "--hold-out-models", "training variant")
 
     def held_out_voices(self, split: Split = "train") -> dict[str, list[str]]:
@@ -109,7 +110,9 @@ def _add(found: Excluded, manifest: Manifest) -> None:
             found.homes.setdefault(scan.seed, manifest.name)
     for spec in manifest.observations:
         for category in spec.heard:
-            for voice in manifest.voices.get(category, ()):
+            # Own categories and categories with recordings draw no voice.
+            synthetic = category not in manifest.categories and not manifest.sounds.get(category)
+            for voice in manifest.voices.get(category) or (usual_voices(category) if synthetic else ()):
                 found.voices.setdefault((category, voice), manifest.name)
         for category in spec.objects:
             # Files replace procedural models, and a category of the manifest's own has no others.

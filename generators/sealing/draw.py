@@ -88,9 +88,10 @@ def draw_document(
     homes = {old: f"home_{n}" for n, old in enumerate(shuffled(sorted(template["scans"]), "homes"), start=1)}
     units = _units(document["observations"])
     variants = _variants(units)
+    able = {*CATEGORIES, *((template.get("categories") or {}).keys() & (template.get("sounds") or {}).keys())}
     for number, (first, *_) in enumerate(units):
         tag = int.from_bytes(derive(secret, f"{_PURPOSE}: category: {number}"), "big")
-        _draw_category(first, tag, {*CATEGORIES, *(template.get("sounds") or {})})
+        _draw_category(first, tag, able)
     kinds: defaultdict[tuple[Any, ...], list[list[Document]]] = defaultdict(list)
     for unit in units:
         kinds[unit[0]["part"], unit[0]["room"], len(unit)].append(unit)

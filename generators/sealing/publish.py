@@ -158,7 +158,7 @@ def _publish(generated: Dataset, record: ObservationRecord, folder: Path, train_
             files.link_or_copy(picture, _with_parent(folder / name))
     files.write_json(folder / layout.POSES_JSON, PosesRecord.of(record, digests))
     digest = files.sha256_file(folder / layout.POSES_JSON)
-    return DatasetEntry.of(record, digest).model_copy(update={"category": None})
+    return DatasetEntry.of(record, digest).model_copy(update={"category": None, "sounds": None})
 
 
 def _is_train_mask(name: str, generated: Dataset, key: str) -> bool:

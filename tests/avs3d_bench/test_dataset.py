@@ -95,6 +95,13 @@ def test_the_sources_of_part_3_are_those_of_the_file(tmp_path: Path):
     assert data[tiny_scenes.AWAY].record.first_instance is None  # its source is in another room
 
 
+def test_dataset_json_names_what_the_sources_of_each_observation_play(ours: Path):
+    for entry in Dataset(ours).record.observations:
+        record = Dataset(ours)[entry.key].record
+        sources = [record.sound] if record.sound else record.sources
+        assert entry.sounds == tuple(source.asset for source in sources)
+
+
 def test_the_split_is_seven_to_one(ours: Path):
     observation = Dataset(ours)[tiny.SINGLE]
     assert [frame.name for frame in observation.test] == ["frame_000", "frame_008"]

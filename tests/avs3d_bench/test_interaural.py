@@ -15,7 +15,16 @@ from numpy.typing import NDArray
 
 from avs3d_bench.contract import layout
 from avs3d_bench.geometry import Pose, direction_to
-from avs3d_bench.validation.interaural import SURE, Hearing, SideFit, SideLevel, check_sides, side_level
+from avs3d_bench.validation.interaural import (
+    SURE,
+    TONAL_SURE,
+    Hearing,
+    SideFit,
+    SideLevel,
+    check_sides,
+    side_level,
+    tonal,
+)
 from avs3d_bench.validation.sound import BinauralClip
 from generators.acoustics.clips import receiver_clip
 from generators.acoustics.materials import spectral_label
@@ -162,6 +171,47 @@ def test_the_loudest_tone_does_not_outvote_the_noise_beside_it():
     alone = side_level(np.stack([2 * tone, tone]))
     assert alone is not None
     assert alone.db == pytest.approx(-6.0, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("kind", "expected"),
+    [("tone", True), ("hum", True), ("two tones", True), ("whistle", False), ("beep", False), ("noise", False)],
+)
+def test_steady_tones_and_hums_are_known(kind: str, expected: bool):
+    t = np.arange(RATE) / RATE
+    if kind == "hum":
+        mono = sum(0.1 / k * np.sin(2 * np.pi * 100 * k * t + k * k) for k in range(1, 11))
+    elif kind == "two tones":
+        mono = 0.1 * np.sin(2 * np.pi * 440 * t) + 0.1 * np.sin(2 * np.pi * 480 * t)
+    else:
+        mono = signal(kind, 1)
+    level = side_level(np.stack([mono, 0.7 * mono]).astype(np.float32))
+    assert level is not None
+    assert tonal([level]) == expected
+
+
+def test_a_tone_whose_levels_are_on_the_wrong_side_by_chance_is_no_error():
+    """Standing waves give the level of a tone any sign; noise with the same levels has exchanged channels."""
+    rng, t = np.random.default_rng(0), np.arange(RATE) / RATE
+    azimuths = rng.uniform(-90, 90, 16)
+    wrong = -5.0 * np.sin(np.radians(azimuths)) + rng.normal(0, 4.0, 16)
+
+    def heard_as(mono: NDArray[np.float64]) -> list[Hearing]:
+        found = []
+        for number, (azimuth, db) in enumerate(zip(azimuths, wrong, strict=True)):
+            samples = np.stack([mono * 10 ** (-db / 40), mono * 10 ** (db / 40)]).astype(np.float32)
+            sound = BinauralClip(samples, samples.std(axis=1))
+            found.append(Hearing(SimpleNamespace(index=number), sound, float(azimuth), 2.0))  # type: ignore[arg-type]
+        return found
+
+    tone, noise = heard_as(0.2 * np.sin(2 * np.pi * 440 * t)), heard_as(0.1 * rng.standard_normal(RATE))
+    fits = [
+        SideFit.of([one.level for one in each if one.level], np.sin(np.radians(azimuths))) for each in (tone, noise)
+    ]
+    assert -TONAL_SURE < fits[0].certainty < -SURE
+    assert fits[1].certainty < -SURE
+    assert said(tone) == []
+    assert any("channels swapped?" in line for line in said(noise))
 
 
 def test_few_bands_that_agree_are_no_proof():

@@ -24,7 +24,7 @@ from baselines.trivial import write_trivial
 from evaluators import cli as evaluator
 from tests.evaluators.test_score import submit, true_mask
 from tests.evaluators.test_sweep_curve import rows_of_part_2, saved
-from tests.support import sealed_trees, tiny, tiny_listener
+from tests.support import sealed_trees, tiny, tiny_listener, tiny_scenes
 from tests.support.homes import write_manifest
 
 MINE = b"somebody's only copy"
@@ -105,6 +105,13 @@ OUTPUTS = {
     ("baseline all-white", "path"): Case(f"baseline all-white {_BASELINE}", reruns=False),
     ("baseline centre-box", "path"): Case(f"baseline centre-box {_BASELINE}", reruns=False),
     ("baseline oracle", "path"): Case(f"baseline oracle {_BASELINE} --workers 1", reruns=False),
+    ("baseline references", "path"): Case(
+        "baseline references --dataset scenes -o OUT --workers 1", takes=("level/submission.json", "ild.json"),
+        reruns=False,
+    ),
+    ("baseline references", "json_file"): Case(
+        "baseline references --dataset scenes -o refs --overwrite --workers 1 --json OUT"
+    ),
     ("baseline listener", "path"): Case(
         f"baseline listener {_BASELINE} --weights listener.safetensors --looks one --device cpu", reruns=False
     ),
@@ -162,6 +169,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("inputs")
     data = tiny.write_dataset(place / "data", frames=9, size=48)
     submit(place / "sub", data, true_mask)
+    tiny_scenes.write_part_3(place / "scenes", frames=9, size=48)
     write_trivial("all-black", Dataset(data), place / "black")
     for name in ("sub", "black"):
         words = [place / name, "--dataset", data, "--workers", 1, "--json", place / f"{name}.json"]

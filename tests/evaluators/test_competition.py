@@ -21,11 +21,11 @@ import yaml
 from click.testing import CliRunner
 
 from avs3d_bench import __version__
-from avs3d_bench.contract.competition import CompetitionTask, columns_of, task_protocols
+from avs3d_bench.contract.competition import MAIN_WITHOUT_TWINS, CompetitionTask, columns_of, task_protocols
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports.cli import export
-from avs3d_bench.exports.codabench import CompetitionSettings, write_codabench
+from avs3d_bench.exports.codabench import CompetitionSettings, has_twins, write_codabench
 from avs3d_bench.exports.codabench_files import scoring_program
 from avs3d_bench.exports.codabench_format import KNOWN, MOST_COLUMN, MOST_KEY, check_bundle
 from avs3d_bench.formats import media
@@ -215,8 +215,8 @@ def test_participants_get_no_truth_and_the_platform_no_pictures(trees: tuple[Pat
 
 
 def test_columns_are_unique_short_and_ranked_by_the_main_figure() -> None:
-    for parts, first in (({"part_1"}, "strict_IoU"), ({"part_3"}, "listen_pair_accuracy"),
-                         ({"part_2", "part_3"}, "listen_pair_accuracy")):  # fmt: skip
+    for parts, first in (({"part_1"}, "strict_IoU"), ({"part_3"}, "listen_twins"),
+                         ({"part_2", "part_3"}, "listen_twins")):  # fmt: skip
         columns = columns_of(tuple(task_protocols(parts)))
         assert columns[0].key == first
         assert [column.key for column in columns[1:3]] == [f"{first}_low", f"{first}_high"]
@@ -225,6 +225,14 @@ def test_columns_are_unique_short_and_ranked_by_the_main_figure() -> None:
         assert max(len(column.title) for column in columns) <= MOST_COLUMN
         hidden = [column.hidden for column in columns]
         assert hidden == sorted(hidden), "hidden columns break ties after all that are shown"
+
+
+def test_part_3_without_twins_are_ranked_by_all_pairs(tmp_path: Path) -> None:
+    truth = Dataset(tiny_scenes.write_part_3(tmp_path, frames=9))
+    first, second, both, silent, away = tiny_scenes.GROUP
+    assert has_twins(truth, (first, second))
+    assert not has_twins(truth, (first, silent, away, both)), "both microwaves take turns in one observation"
+    assert columns_of(("listen",), MAIN_WITHOUT_TWINS)[0].key == "listen_pair_accuracy"
 
 
 # Scoring
@@ -382,6 +390,7 @@ def test_part_3_are_ranked_by_pairs(scene_trees: tuple[Path, Path], tmp_path: Pa
     done = codabench_worker.score(tmp_path / "bundle.zip", oracle, tmp_path / "app", environment=environment())
     assert done.scores is not None
     assert done.scores["listen_pair_accuracy"] == 1.0
+    assert done.scores["listen_twins"] == 1.0
     assert "part_3" in zipfile.ZipFile(tmp_path / "bundle.zip").read("overview.md").decode()
 
 

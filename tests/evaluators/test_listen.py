@@ -309,7 +309,7 @@ def test_intervals_resample_groups():
 def test_the_truth_is_perfect(data: Path, tmp_path: Path):
     folder = submit(tmp_path / "s", data, true_mask)
     scores = evaluate(add_categories(folder, data, Frame.category_mask), data).scores
-    assert scores.avs3d_eval.protocols == {"listen": "1.0"}
+    assert scores.avs3d_eval.protocols == {"listen": "1.1"}
     for group in (scores.overall, *scores.parts.values(), *scores.categories.values(), *scores.rooms.values()):
         assert group.listen is not None
         assert group.official is None
@@ -320,10 +320,14 @@ def test_the_truth_is_perfect(data: Path, tmp_path: Path):
         assert group.listen.class_mIoU in (1, None)
     assert scores.overall.listen is not None
     assert scores.overall.listen.counts == {
-        "pair_accuracy": 1, "IoU": 3, "FP_rate": 5, "FP_area": 5, "class_mIoU": 3,
+        "twins": 1, "pair_accuracy": 1, "category": 0, "off_screen": 1, "silence": 1, "several": 1,
+        "IoU": 3, "FP_rate": 5, "FP_area": 5, "class_mIoU": 3,
     }  # fmt: skip
     assert scores.overall.listen.groups == 1
-    assert of(scores, SILENT).unavailable == {"IoU": listen.NOTHING_VISIBLE, "class_mIoU": listen.NO_CLASS}
+    assert of(scores, SILENT).unavailable == {
+        "IoU": listen.NOTHING_VISIBLE, "class_mIoU": listen.NO_CLASS,
+        **dict.fromkeys(("category", "off_screen", "twins"), listen.NO_SUCH_PAIR),
+    }  # fmt: skip
     assert of(scores, BOTH).class_IoU == {"microwave": 1.0, "telephone": 1.0}
     assert list(scores.categories) == ["microwave", "telephone"]
 

@@ -156,8 +156,8 @@ def test_a_report_of_all_parts_leads_each_part_with_its_own_figure(data: Path, t
     values = report_values(evaluate(submit(tmp_path / "s", root, true_mask), root).scores)
     heads = {card.title: f"{card.metric.protocol} {card.metric.name}" for card in values["cards"]}
     assert heads == {
-        "Overall": "listen pair_accuracy", "Part 1": "strict IoU", "Part 2": "strict IoU",
-        "Part 3": "listen pair_accuracy",
+        "Overall": "listen twins", "Part 1": "strict IoU", "Part 2": "strict IoU",
+        "Part 3": "listen twins",
     }  # fmt: skip
     deaf = {card.title: card.deaf and card.deaf[0] for card in values["cards"]}
     assert deaf["Part 3"] == "deaf oracle: all"
@@ -173,10 +173,11 @@ def tables_of(values: dict[str, Any], part: str, protocol: str) -> Any:
     return view.tables
 
 
-def test_part_3_are_ranked_by_pair_accuracy(written: Path):
+def test_part_3_are_ranked_by_twins(written: Path):
     files = [written / f"{name}.json" for name in ("confused", "deaf", "perfect")]
     (table,) = tables_of(leaderboard_values(read_entries(files)), "part_3", "listen")
-    assert table.ranking.name == "pair_accuracy"
+    assert table.ranking.name == "twins"
+    assert [metric.name for metric in table.metrics[:2]] == ["twins", "pair_accuracy"]
     # One group separates nothing: the order is that of the means, and the rank is shared.
     assert [(row.rank, row.title) for row in table.rows if row.entry and row.rank] == [(1, "perfect"), (1, "confused")]
     assert table.standings.units == 1
@@ -190,8 +191,8 @@ def test_the_page_of_a_leaderboard(written: Path, tmp_path: Path):
     notes = write_leaderboard(tmp_path / "board", [written / "confused.json", written / "perfect.json"])
     assert not notes
     said = text_of((tmp_path / "board" / "index.html").read_text())
-    assert "part_3 observations by pair accuracy" in said
-    assert "ranked by pair accuracy" in said
+    assert "part_3 observations by the pair accuracy over twins, beside that over all pairs" in said
+    assert "ranked by twins" in said
     assert (tmp_path / "board" / "reports" / "perfect.html").exists()
 
 

@@ -253,3 +253,29 @@ def test_perfect_masks_score_one_and_mark_nothing_false(masks: list[np.ndarray])
         assert scores.F == 1
     if scores.absent_frames:
         assert scores.FP_rate == scores.FP_area == 0
+
+
+def test_intervals_resample_homes_before_observations():
+    """Eighteen observations, three in each of six homes and alike there: the intervals are those of six homes."""
+    frame = figures(disc(48, 48, 20), disc(48, 48, 20))
+    wrong = figures(disc(48, 48, 20), EMPTY)
+    rows = []
+    for place in range(18):
+        home = place // 3
+        frames = [wrong if home % 2 else frame]
+        rows.append(
+            ObservationScores(
+                key=f"part_1/home_{home}/kitchen/{place}", part="part_1", scan=f"home_{home}", room="kitchen",
+                category="clock", frames=1, strict=strict_observation(frames, None, WHY),
+                official=official_observation(frames),
+            )
+        )  # fmt: skip
+    found = summarise(rows)
+    assert found.strict is not None
+    assert found.official is not None
+    # k of six homes with IoU 1, binomial: .025 lies at k = 1 (P(0) = 1/64), .975 at k = 5.
+    assert found.strict.intervals["IoU"] == pytest.approx((1 / 6, 5 / 6))
+    assert found.official.intervals["mIoU"] == pytest.approx(found.strict.intervals["IoU"])
+    alone = summarise([row.model_copy(update={"scan": "one"}) for row in rows]).strict
+    assert alone is not None
+    assert alone.intervals["IoU"][0] > 1 / 6, "observations of one home pretend to know more"

@@ -244,6 +244,20 @@ def test_a_part_of_the_observations_is_scored_again_as_a_part(submission: Path, 
     assert found.notes == ("1 of the 2 observations were scored",)
 
 
+def test_intervals_of_older_versions_are_not_compared(
+    score_file: Path, submission: Path, data: Path, tmp_path: Path
+) -> None:
+    document = media.read_json(score_file)
+    document["overall"]["strict"]["intervals"] = {"IoU": [0.0, 1.0]}
+    media.write_json(tmp_path / "edited.json", document)
+    assert where_of(verify(tmp_path / "edited.json", submission, data)) == ["overall.strict.intervals.IoU"]
+    del document["avs3d_eval"]["bootstrap_unit"]
+    media.write_json(tmp_path / "older.json", document)
+    found = verify(tmp_path / "older.json", submission, data)
+    assert found.same
+    assert any("do not resample homes: they are not compared" in note for note in found.notes)
+
+
 def test_the_digest_is_that_of_sha256sum(scores: Scores, submission: Path) -> None:
     """The commands of docs/scores-file.md, on the folder of the submission."""
     script = (

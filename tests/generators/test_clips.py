@@ -15,8 +15,11 @@ from generators.acoustics.clips import (
     GAIN,
     binaural_clip,
     check_clip,
+    joined,
     mono_clip,
     mono_window,
+    moving_clip,
+    receiver_clip,
     rms,
 )
 
@@ -32,6 +35,31 @@ def test_clip_is_the_second_of_the_whole_convolution_with_its_past():
         clip = binaural_clip(source, response, index, rate)
         assert clip.dtype == np.float32
         np.testing.assert_allclose(clip, GAIN * whole, atol=1e-5)
+
+
+def test_the_tail_is_what_the_same_pose_hears_next():
+    rate = 400
+    source, response = RNG.standard_normal(4 * rate), RNG.standard_normal((2, rate))
+    longer = receiver_clip(source, response, 1, rate, tail=30)
+    assert longer.shape == (2, rate + 30)
+    np.testing.assert_allclose(longer[:, :rate], receiver_clip(source, response, 1, rate), atol=1e-5)
+    np.testing.assert_allclose(longer[:, rate:], receiver_clip(source, response, 2, rate)[:, :30], atol=1e-5)
+    # Of a moving source that in truth stands still, and where the source has ended: silence is all that follows.
+    still = moving_clip(source, [response] * 3, [2.0] * 3, 1, rate, tail=30)
+    np.testing.assert_allclose(still, longer, atol=1e-5)
+    last = receiver_clip(source, response, 3, rate, tail=30)
+    ended = np.stack([np.convolve(source, h)[4 * rate : 4 * rate + 30] for h in response])
+    np.testing.assert_allclose(last[:, rate:], GAIN * ended, atol=1e-5)
+
+
+def test_a_joined_clip_goes_from_the_pose_before_to_its_own():
+    clip, before = (RNG.standard_normal((2, size)).astype(np.float32) for size in (50, 21))
+    found = joined(clip, before)
+    assert (found.dtype, found.shape) == (np.float32, clip.shape)
+    np.testing.assert_array_equal(found[:, 21:], clip[:, 21:])
+    np.testing.assert_allclose(found[:, 10], (clip + np.pad(before, ((0, 0), (0, 29))))[:, 10] / 2, rtol=1e-6)
+    np.testing.assert_allclose(found[:, 0], before[:, 0], atol=0.02)  # sin²(π / 84) of the way
+    np.testing.assert_allclose(joined(clip, clip[:, :21]), clip, rtol=1e-6)  # poses that hear alike
 
 
 def test_reverberation_of_the_second_before_is_there():

@@ -391,7 +391,7 @@ def test_plans_refuse_assets_that_are_not_there(tmp_path: Path, store: Store) ->
         plans()
     done = run("fetch", "--manifest", tmp_path / "tiny.yaml")
     assert done.exit_code == 1
-    assert "came from a folder (hum.wav) and has no address; run: avs3d assets import folder" in done.output
+    assert "came from a folder (hum.wav) and has no address; run: avs3d assets fetch --from DIR" in done.output
 
 
 @pytest.mark.slow

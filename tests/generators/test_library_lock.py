@@ -153,6 +153,7 @@ def test_an_update_that_changes_nothing_leaves_the_file_alone(tmp_path: Path) ->
         ("CC-BY-NC", "CC-BY-NC"),
         ("CC-Sampling+", "CC-Sampling-Plus-1.0"),
         ("Creative Commons Attribution 3.0 Unported license", "CC-BY-3.0"),
+        ("Pixabay Content License", "LicenseRef-Pixabay"),
         ("Creative Commons Attribution-NonCommercial-ShareAlike 4.0", "CC-BY-NC-SA-4.0"),
         ("Creative Commons Attribution-NoDerivs 3.0", "CC-BY-ND-3.0"),
         ("Public Domain", "LicenseRef-PublicDomain"),

@@ -15,7 +15,7 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from generators.assets.meshfile import load_mesh
 from generators.library import read_lock
 from generators.library.cli import assets
-from generators.library.folder import mesh_files
+from generators.library.folder import Told, mesh_files
 from generators.library.http import FetchLimits
 from generators.library.lock import AssetEntry
 from generators.library.session import Session, Stance
@@ -67,7 +67,7 @@ def session(tmp_path: Path) -> Session:
 def new(source: str, session: Session, form: str | None = None, category: str | None = None) -> AssetEntry:
     ref = {"sketchfab": UID, "freesound": "1234", "bbc": "07005210"}[source]
     kind = {"sketchfab": "microwave", "freesound": "clock", "bbc": "telephone"}[source]
-    return fetch_new(source, ref, category or kind, Stance(height=0.3), session, form)
+    return fetch_new(source, ref, Told(category or kind), Stance(height=0.3), session, form)
 
 
 def run(*args: object) -> Result:
@@ -126,10 +126,10 @@ def test_without_a_format_the_one_that_is_offered_is_taken(server: Server, sessi
 def test_a_page_is_as_good_as_a_uid(server: Server, session: Session) -> None:
     sketchfab(server)
     page = f"https://sketchfab.com/3d-models/red-box-{UID}"
-    assert fetch_new("sketchfab", page, "microwave", Stance(), session, None).ref == UID
+    assert fetch_new("sketchfab", page, Told("microwave"), Stance(), session, None).ref == UID
     for text in ("red box", UID[:-1], f"../{UID}x", ""):
         with pytest.raises(UsageError, match="is no uid of Sketchfab; expected"):
-            fetch_new("sketchfab", text, "microwave", Stance(), session, None)
+            fetch_new("sketchfab", text, Told("microwave"), Stance(), session, None)
 
 
 def test_an_address_that_ran_out_is_asked_for_again(server: Server, session: Session) -> None:
@@ -302,9 +302,16 @@ def test_the_bbc_wants_its_licence_allowed(server: Server, session: Session) -> 
     entry = new("bbc", replace(session, allowed=("LicenseRef-RemArc",)))
     assert (entry.title, entry.author, entry.file) == ("Telephone rings", "BBC Sound Effects", "sound.wav")
     with pytest.raises(Avs3dError, match=r"^bbc/07005211: BBC Sound Effects has no sound of that id"):
-        fetch_new("bbc", "07005211", "telephone", Stance(), session, None)
+        fetch_new("bbc", "07005211", Told("telephone"), Stance(), session, None)
     with pytest.raises(Avs3dError, match=r"not every sound is available as WAV|not found"):
-        fetch_new("bbc", "07005210", "telephone", Stance(), replace(session, allowed=("LicenseRef-RemArc",)), "mp3")
+        fetch_new(
+            "bbc",
+            "07005210",
+            Told("telephone"),
+            Stance(),
+            replace(session, allowed=("LicenseRef-RemArc",)),
+            "mp3",
+        )
 
 
 # ---- pinned files again, and the command line -----------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""The catalogue: seven categories and the oven, as models that can be placed, rendered and heard."""
+"""The catalogue: seven categories and the distractors, as models that can be placed, rendered and heard."""
 
 from __future__ import annotations
 
@@ -22,12 +22,18 @@ SIZES = {
     "clock": ((0.20, 0.42), (0.25, 0.42), (0.03, 0.16)),
     "telephone": ((0.16, 0.30), (0.10, 0.26), (0.12, 0.30)),
     "oven": ((0.40, 0.52), (0.25, 0.34), (0.32, 0.45)),
+    "dishwasher": ((0.44, 0.61), (0.80, 0.90), (0.54, 0.65)),
+    "kettle": ((0.20, 0.28), (0.20, 0.30), (0.17, 0.24)),
+    "fan": ((0.28, 0.48), (0.38, 1.40), (0.16, 0.45)),
+    "radio": ((0.24, 0.38), (0.16, 0.38), (0.08, 0.20)),
 }
 MOUNTS = {
     "washing_machine": {"floor"},
     "toilet": {"floor"},
     "vacuum_cleaner": {"floor"},
     "clock": {"wall", "surface", "wall_or_surface"},
+    "dishwasher": {"floor"},
+    "fan": {"floor", "surface"},
 }
 
 

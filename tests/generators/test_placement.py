@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 from shapely.geometry import MultiPoint, Point, Polygon
 
-from avs3d_bench.contract.taxonomy import CATEGORIES
+from avs3d_bench.contract.taxonomy import CATEGORIES, DISTRACTORS
 from avs3d_bench.errors import Avs3dError
 from generators.assets.catalogue import Model, build_model, training_variants, variants
 from generators.core.boxes import UprightBox, yaw_matrix
@@ -37,6 +37,10 @@ HOMES = [
     ("coffee_machine", "living_room"),
     ("telephone", "kitchen"),
     ("telephone", "living_room"),
+    ("dishwasher", "kitchen"),
+    ("kettle", "kitchen"),
+    ("radio", "living_room"),
+    *(("fan", room) for room in ROOMS),
 ]
 
 
@@ -481,4 +485,4 @@ def test_a_mount_that_does_not_suit_the_declared_supports_is_one_clear_line() ->
 
 
 def test_the_toy_models_cover_the_taxonomy() -> None:
-    assert set(SIZES) == {*CATEGORIES, "oven"}
+    assert set(SIZES) == {*CATEGORIES, *DISTRACTORS}

@@ -188,6 +188,7 @@ def test_public_is_read_without_truth(made: Path) -> None:
     public, whole = Dataset(made / "public"), Dataset(made / "generated")
     assert public.is_sealed
     assert public.keys == whole.keys
+    assert all(entry.category is None and entry.sounds is None for entry in public.record.observations)
     for observation, other in zip(public, whole, strict=True):
         assert observation.record is None
         assert observation.category is None

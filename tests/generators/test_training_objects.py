@@ -22,6 +22,10 @@ SIZES = {
     "clock": ((0.18, 0.58), (0.09, 0.62), (0.03, 0.17)),
     "telephone": ((0.08, 0.36), (0.09, 0.44), (0.08, 0.30)),
     "oven": ((0.38, 0.56), (0.22, 0.36), (0.28, 0.47)),
+    "dishwasher": ((0.43, 0.63), (0.79, 0.91), (0.52, 0.72)),
+    "kettle": ((0.18, 0.34), (0.17, 0.32), (0.14, 0.27)),
+    "fan": ((0.12, 0.52), (0.26, 1.52), (0.12, 0.52)),
+    "radio": ((0.20, 0.50), (0.12, 0.48), (0.06, 0.23)),
 }
 MOUNTS = {
     "washing_machine": {"floor"},
@@ -29,6 +33,8 @@ MOUNTS = {
     "vacuum_cleaner": {"floor"},
     "clock": {"wall", "surface"},
     "telephone": {"wall", "surface"},
+    "dishwasher": {"floor"},
+    "fan": {"floor", "surface"},
 }
 #: Generator states of each family: of the default run, and of the slow one.
 FEW, MANY = range(4), range(4, 14)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from avs3d_bench.contract.scores import Scores
-from benchmarks.listener_summary import pair_accuracy_of, settings_lines, settings_text, twin_pairs
+from benchmarks.listener_summary import settings_lines, settings_text, twin_accuracy, twin_pairs
 
 RESULTS = Path(__file__).parents[2] / "docs/results"
 
@@ -27,8 +27,8 @@ def test_the_pair_accuracy_of_some_pairs_is_a_mean_over_groups() -> None:
     found = scores("listen-2d")
     every = {frozenset((pair.first, pair.second)) for group in found.siblings or () for pair in group.pairs}
     assert found.overall.listen is not None
-    assert pair_accuracy_of(found, every) == pytest.approx(found.overall.listen.pair_accuracy, abs=1e-8)
-    assert pair_accuracy_of(found, ()) is None
+    assert twin_accuracy(found, every) == pytest.approx(found.overall.listen.pair_accuracy, abs=1e-8)
+    assert twin_accuracy(found, ()) is None
 
 
 def test_settings_that_differ_between_rows_are_said() -> None:

@@ -15,11 +15,12 @@ import math
 import re
 import statistics
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import lru_cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -30,6 +31,7 @@ from avs3d_bench.contract.scores import (
     BLIND_REFERENCES,
     DEAF_REFERENCES,
     METRICS,
+    PAIR_FIGURES,
     REFERENCES,
     ListenScore,
     ObservationScores,
@@ -37,6 +39,7 @@ from avs3d_bench.contract.scores import (
     metrics_of,
 )
 from avs3d_bench.geometry import flip_world
+from avs3d_bench.measures.pair_kinds import pair_kind
 from evaluators.metrics.classes import confusion
 from evaluators.metrics.contour import contour, found, tolerance
 from evaluators.metrics.frames import Truth, frame_figures, reference_figures
@@ -104,13 +107,14 @@ class Example:
     values: list[float | None] = field(default_factory=list)
     methods: dict[str, list[float]] = field(default_factory=dict)
     scenes: bool = False
+    sources: dict[str, list[tuple[str, str]]] = field(default_factory=dict)
     chains: list[tuple[str, str]] = field(default_factory=list)
 
 
 def drawings() -> Iterator[tuple[list[str], list[str]]]:
     """Info string in words, and lines, of every fenced block that is ours."""
     for block in itertools.chain.from_iterable(map(blocks, PAGES)):
-        if block.language in ("masks", "scenes", "voxels", "values", "methods", "figures"):
+        if block.language in ("masks", "scenes", "sources", "voxels", "values", "methods", "figures"):
             yield block.info.split(), [line for line in block.code.splitlines() if line.strip()]
 
 
@@ -164,6 +168,11 @@ def read_examples() -> dict[str, Example]:
                 example.voxels += [(x, y, z) for z, row in enumerate(rows) for x, mark in enumerate(row) if mark == "#"]
         elif kind == "values":
             example.values = [None if word == "null" else float(word) for line in lines for word in line.split()]
+        elif kind == "sources":
+            for line in lines:
+                sibling, _, said = line.removeprefix("sibling_").partition(": ")
+                sounding = [] if said == "nothing" else [one.split() for one in said.split(", ")]
+                example.sources[sibling] = [(category, letter) for category, letter in sounding]
         elif kind == "methods":
             example.methods = {method: [*map(float, values)] for method, *values in map(str.split, lines)}
         else:
@@ -529,7 +538,7 @@ def _exact_ends(values: list[Fraction]) -> dict[str, Fraction]:
 
 # --- part_3: groups of siblings, by both ----------------------------------------------------------------------------
 
-LETTERS = "mt"  # of the instances; class ids are their places, from 1 on
+LETTERS = "mtn"  # of the instances; class ids are their places, from 1 on
 
 
 def siblings_in(example: Example) -> list[str]:
@@ -552,7 +561,18 @@ def evaluated_scenes(example: Example) -> dict[str, Values]:
     marked = [[letters(frame, f"prediction_{n}") for n in numbers] for frame in frames]
     pairs = list(itertools.combinations(range(len(keys)), 2))
     differing = [[(a, b) for a, b in pairs if differ(frame_counts(one[a], one[b]))] for one in truths]
-    deaf = DeafOracles({1: 1, 2: 2}, len(LETTERS))
+    deaf = DeafOracles({place: place for place in range(1, len(LETTERS) + 1)}, len(LETTERS))
+    heard = [
+        SimpleNamespace(
+            sound_sources=[
+                SimpleNamespace(category=category, instance=LETTERS.find(letter) + 1 if letter in LETTERS else None)
+                for category, letter in example.sources[n]
+            ]
+        )
+        for n in numbers
+        if n in example.sources
+    ]
+    kinds = {(a, b): pair_kind(heard[a], heard[b]) for a, b in pairs} if heard else None  # type: ignore[arg-type]
     for frame, true in zip(frames, truths, strict=True):
         deaf.add(letters(frame, "instances").astype(np.uint16), true)
     counts = {
@@ -561,10 +581,10 @@ def evaluated_scenes(example: Example) -> dict[str, Values]:
     counts |= {name: [[one] * len(keys) for one in deaf.counts(rows)] for name, rows in deaf.rows().items()}
     out: dict[str, Values] = {}
     for prefix, frames_ in counts.items():
-        siblings = sibling_scores(keys[0], keys, differing, frames_)
+        siblings = sibling_scores(keys[0], keys, differing, frames_, kinds)
         observations = []
         for index, key in enumerate(keys):
-            classes = sum(confusion(g[index], p[index], 2) for g, p in zip(truths, marked, strict=True))
+            classes = sum(confusion(g[index], p[index], len(LETTERS)) for g, p in zip(truths, marked, strict=True))
             own = [frame[index][index] for frame in frames_]
             scores = listen_observation(key, own, siblings, np.asarray(classes), dict(enumerate(LETTERS, 1)))
             observations.append(
@@ -580,7 +600,7 @@ def evaluated_scenes(example: Example) -> dict[str, Values]:
         assert group is not None
         out[prefix] = _listen_values(group)
         if not prefix:
-            for pair in siblings.pairs:
+            for pair in (pair for pair in siblings.pairs if pair.frames):
                 out[""][f"pair_{pair.first[-1]}_{pair.second[-1]}"] = pair.right / pair.frames
     return out
 
@@ -627,7 +647,7 @@ def witnessed_scenes(example: Example) -> dict[str, dict[str, Fraction | float |
                 "listen.IoU": _average([_overlap(p, g) for p, g in pairs if g]),
                 "listen.FP_rate": _average([Fraction(bool(p)) for p, g in pairs if not g]),
                 "listen.FP_area": _average([Fraction(len(p), size) for p, g in pairs if not g]),
-                "listen.pair_accuracy": _average([one for pair, all_ in right.items() if n in pair for one in all_]),
+                **_by_kind({pair: all_ for pair, all_ in right.items() if n in pair}, example),
             }
             if not prefix:
                 classes = _class_ious(frames, n)
@@ -637,10 +657,33 @@ def witnessed_scenes(example: Example) -> dict[str, dict[str, Fraction | float |
         names = {name for values in each.values() for name in values if name.startswith("listen.")}
         means = {name: [v for n in numbers if (v := each[n][name]) is not None] for name in names}
         out[prefix] = {name: _average(values) for name, values in means.items()}
-        out[prefix]["listen.pair_accuracy"] = _average([one for all_ in right.values() for one in all_])
+        out[prefix] |= _by_kind(right, example)
         if not prefix:
             out[""] |= {f"pair_{a}_{b}": _average(all_) for (a, b), all_ in right.items()}
     return out
+
+
+def _by_kind(right: Mapping[tuple[str, str], list[Fraction]], example: Example) -> dict[str, Fraction | None]:
+    """The pair accuracy over all pairs, and over those of each kind."""
+    chosen: dict[str, list[Fraction]] = {f"listen.{name}": [] for name in PAIR_FIGURES}
+    for (a, b), frames in right.items():
+        chosen["listen.pair_accuracy"] += frames
+        if a in example.sources:
+            chosen[f"listen.{_kind(example.sources[a], example.sources[b])}"] += frames
+    return {name: _average(values) for name, values in chosen.items()}
+
+
+def _kind(one: list[tuple[str, str]], other: list[tuple[str, str]]) -> str:
+    """By the numbers of sources, then by how many places, letters and categories there are."""
+    counts = {len(one), len(other)}
+    if max(counts) > 1:
+        return "several"
+    letters_ = {letter for _, letter in (*one, *other)}
+    if 0 in counts or (len(letters_) == 1 and letters_ != {"elsewhere"}):
+        return "silence"
+    if "elsewhere" in letters_:
+        return "off_screen"
+    return "twins" if len({category for category, _ in (*one, *other)}) == 1 else "category"
 
 
 def _class_ious(frames: list[Picture], number: str) -> dict[str, Fraction]:
@@ -732,7 +775,7 @@ def test_every_key_of_the_file_of_scores_is_explained():
 def test_every_reason_for_a_null_is_listed():
     everything = {**vars(listen), **vars(protocols)}
     constants = {name: value for name, value in everything.items() if name.isupper() and name[0] != "_"}
-    reasons = [value for value in constants.values() if isinstance(value, str)]
+    reasons = [value for value in constants.values() if isinstance(value, str) and " " in value]
     assert reasons
     for reason in reasons:
         assert f"| {reason} |" in TEXT, reason

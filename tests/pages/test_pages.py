@@ -33,7 +33,7 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").r
 #: Info strings of blocks that are neither run nor calls of commands.
 SHOWN = ("text", "yaml", "diff")
 #: Those of docs/metrics.md and its topics: drawn examples, which test_metrics_doc.py reads.
-DRAWN = ("masks", "scenes", "figures", "voxels", "values", "methods")
+DRAWN = ("masks", "scenes", "sources", "figures", "voxels", "values", "methods")
 DRAWN_ON = ("metrics.md", "protocol-official.md", "protocol-strict.md", "protocol-listen.md", "comparing.md")
 #: Pages of worked examples, which test_extending.py runs.
 WORKED = ("extending.md", "extending-generator.md", "own-objects.md")

@@ -28,6 +28,8 @@ from avs3d_bench.contract.taxonomy import PART_3
 class DatasetEntry(Record):
     """One observation in `dataset.json`."""
 
+    left_out: ClassVar[frozenset[str]] = frozenset({"sounds"})
+
     key: Text
     category: Category | None = Field(
         description="null in an observation of part_3 without a source, and in a sealed test"
@@ -36,10 +38,16 @@ class DatasetEntry(Record):
     scan: Scan
     room: Room
     digest: Sha256 = Field(description="sha256 of the observation's observation.json; of poses.json in a sealed test")
+    sounds: tuple[Text, ...] | None = Field(
+        default=None,
+        description="what its sources play, in their order: a voice, such as 'procedural:clock/longcase', or a "
+        "recording; absent in sealed tests and datasets of older versions",
+    )
 
     @classmethod
     def of(cls, record: ObservationRecord, digest: str) -> Self:
         """The entry of an observation; ``digest`` is the sha256 of its observation.json."""
+        played = [record.sound.asset] if record.sound else [source.asset for source in record.sources or ()]
         return cls(
             key=record.key,
             category=record.category,
@@ -47,6 +55,7 @@ class DatasetEntry(Record):
             scan=record.scan,
             room=record.room,
             digest=digest,
+            sounds=tuple(played),
         )
 
 

@@ -31,7 +31,7 @@ from avs3d_bench.contract.schema.base import (
     Text,
     Vector3,
 )
-from avs3d_bench.contract.taxonomy import CATEGORIES, DISTRACTORS, PART_3, class_ids
+from avs3d_bench.contract.taxonomy import CATEGORIES, DISTRACTORS, OFF_SCREEN_CATEGORIES, OVEN, PART_3, class_ids
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
 
@@ -522,14 +522,22 @@ class ObservationRecord(Record):
 
     def _check_categories(self) -> None:
         own = self.categories or ()
-        sound, silent = {*CATEGORIES, *own}, {*CATEGORIES, *own, *DISTRACTORS}
-        if len(sound) != len(CATEGORIES) + len(own) or not {*own}.isdisjoint(DISTRACTORS):
+        sound = {*CATEGORIES, *own}
+        if len(sound) != len(CATEGORIES) + len(own) or OVEN in own:
             raise ValueError(f"categories {own}: expected new names, each once")
-        unknown = {instance.category for instance in self.instances} - silent
-        unknown |= {source.category for source in self.sources or ()} - sound
-        unknown |= set() if self.category is None else {self.category} - sound
-        if unknown:
-            raise ValueError(f"unknown category {min(unknown)!r}; expected one of {', '.join(sorted(silent))}")
+        sources = self.sources or ()
+        away = {source.category for source in sources if source.instance is None}
+        here = {source.category for source in sources if source.instance is not None}
+        if not self.is_part_3 and self.category is not None:
+            here.add(self.category)  # in part_3 it is that of the first source
+        objects = {instance.category for instance in self.instances}
+        for found, known in (
+            (objects, sound | {*DISTRACTORS}),
+            (away, sound | {*OFF_SCREEN_CATEGORIES}),
+            (here, sound),
+        ):
+            if found - known:
+                raise ValueError(f"unknown category {min(found - known)!r}; expected one of {', '.join(sorted(known))}")
         version = PART_3_VERSION if self.is_part_3 or own else SCHEMA_VERSION
         if self.schema_version != version:
             raise ValueError(f"schema_version is {self.schema_version}, expected {version}")

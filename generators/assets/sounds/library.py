@@ -9,7 +9,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
-from avs3d_bench.contract.taxonomy import check_category
+from avs3d_bench.contract.taxonomy import CATEGORIES, check_category
 from avs3d_bench.errors import Avs3dError, UsageError
 from generators.assets.sounds.capture import captured
 from generators.assets.sounds.classic import speak
@@ -21,21 +21,31 @@ SECOND_FLOOR_DB = -45.0
 
 
 def voices(category: str) -> tuple[Voice, ...]:
-    """The synthesised voices of a category, in a fixed order.
+    """The synthesised voices of a category, one of the seven or of those that are heard off-screen, in a fixed order.
 
     Raises:
         UsageError: for an unknown category.
     """
-    check_category(category)
-    name = f"generators.assets.sounds.devices.{category}"
+    check_category(category, off_screen=True)
+    name = f"generators.assets.sounds.devices.{category if category in CATEGORIES else 'off_screen'}"
     try:
         module = import_module(name)
     except ModuleNotFoundError as error:
         if error.name != name:
             raise
         return ()  # it has no voices yet
-    found: tuple[Voice, ...] = module.VOICES
-    return found
+    return tuple(voice for voice in module.VOICES if voice.category == category)
+
+
+def usual_voices(category: str) -> tuple[str, ...]:
+    """The names of the voices among which one is drawn where nobody names any.
+
+    None for the seven, each of which has the one sound of versions 1 and 2 of the datasets then; all for the others.
+
+    Raises:
+        UsageError: for an unknown category.
+    """
+    return () if category in CATEGORIES else tuple(voice.name for voice in voices(category))
 
 
 def find_voice(category: str, name: str) -> Voice:
@@ -54,11 +64,11 @@ def synthesise(category: str, seconds: float, rng: Generator, voice: Voice | str
     """A source of ``category``: a unit of a voice, a take by it, and a recording of that, all drawn from ``rng``.
 
     Args:
-        category: one of the seven.
+        category: one of `voices`.
         seconds: length, at least 1.
         rng: the only source of randomness.
-        voice: one of `voices`, or its name; None: the one voice that each category had in versions 1 and 2 of the
-            datasets.
+        voice: one of `voices`, or its name; None: one of `usual_voices`, or the one sound that each of the seven had in
+            versions 1 and 2 of the datasets.
 
     Returns:
         (seconds · 44100,) float32 mono at `TARGET_LUFS`, true peak below `CEILING_DB`; every second of it above
@@ -68,10 +78,13 @@ def synthesise(category: str, seconds: float, rng: Generator, voice: Voice | str
         UsageError: for an unknown category or voice.
         Avs3dError: for a length below one second or above an hour.
     """
-    check_category(category)
+    check_category(category, off_screen=True)
     if not 1.0 <= seconds <= 3600.0:
         raise Avs3dError(f"sound of {category}: length {seconds} s, expected 1 to 3600 s")
     count = round(seconds * SAMPLE_RATE)
+    usual = usual_voices(category) if voice is None else ()
+    if usual:
+        voice = usual[int(rng.integers(len(usual)))]
     if voice is None:
         raw = speak(category, count, rng)
     else:

@@ -1,1 +1,1 @@
-"""The synthesised voices: one module per category, each with a tuple ``VOICES``."""
+"""The synthesised voices: modules with a tuple ``VOICES``, one per category, and `off_screen` for all but the seven."""

@@ -62,7 +62,7 @@ def organ_chords(count: int, rng: Generator) -> Array:
     return over_room_tone(unit(out) * (1 + 0.25 * np.sin(rotor)), rng)
 
 
-def drums(count: int, rng: Generator) -> Array:
+def drums_and_bass(count: int, rng: Generator) -> Array:
     """Drums and a bass: membranes with the modes of an ideal one (1, 1.59, 2.14, 2.30, 2.65), snares, cymbals."""
     beat = rng.uniform(0.22, 0.36)
     size = rng.uniform(50.0, 75.0)

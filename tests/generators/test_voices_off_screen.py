@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from avs3d_bench.contract.taxonomy import CATEGORIES
-from generators.assets.sounds import SECOND_FLOOR_DB, TARGET_LUFS, Voice
+from avs3d_bench.contract.taxonomy import CATEGORIES, OFF_SCREEN_CATEGORIES
+from generators.assets.sounds import SECOND_FLOOR_DB, TARGET_LUFS, Voice, voices
 from generators.assets.sounds.capture import captured
-from generators.assets.sounds.devices.distractors import DISTRACTORS
-from generators.assets.sounds.devices.distractors_animate import _bark, _dog_formants
-from generators.assets.sounds.devices.distractors_machines import _blades
-from generators.assets.sounds.devices.distractors_music import _string
-from generators.assets.sounds.devices.distractors_street import _pass
+from generators.assets.sounds.devices.off_screen_animate import _bark, _dog_formants
+from generators.assets.sounds.devices.off_screen_machines import _blades
+from generators.assets.sounds.devices.off_screen_music import _string
+from generators.assets.sounds.devices.off_screen_street import _pass
 from generators.assets.sounds.formants import noises, speak, talker
 from generators.assets.sounds.loudness import CEILING_DB, normalised
 from generators.assets.sounds.room_tone import slow_curve, spectrum_noise
@@ -24,13 +23,14 @@ from tests.support.spectra import strongest
 
 SR = 44_100
 Array = NDArray[np.float64]
+VOICES = [voice for category in OFF_SCREEN_CATEGORIES for voice in voices(category)]
 
 
 def test_each_category_has_devices_in_training_and_test() -> None:
     found: dict[str, list[Voice]] = defaultdict(list)
-    for voice in DISTRACTORS:
+    for voice in VOICES:
         found[voice.category].append(voice)
-    assert set(found) == {"dishwasher", "fan", "kettle", "speech_babble", "music", "street", "dog"}
+    assert set(found) == set(OFF_SCREEN_CATEGORIES)
     assert not set(found) & set(CATEGORIES)
     for of_category in found.values():
         assert len({voice.name for voice in of_category}) == len(of_category) >= 3
@@ -38,7 +38,7 @@ def test_each_category_has_devices_in_training_and_test() -> None:
         assert {voice.split for voice in of_category} == {"train", "validation", "test"}
 
 
-@pytest.mark.parametrize("voice", DISTRACTORS, ids=lambda voice: f"{voice.category}/{voice.name}")
+@pytest.mark.parametrize("voice", VOICES, ids=lambda voice: f"{voice.category}/{voice.name}")
 def test_a_sound_repeats_for_a_seed_and_is_never_silent(voice: Voice) -> None:
     rng = np.random.default_rng(1)
     sound = voice.play(3 * SR, rng)
@@ -94,7 +94,7 @@ def test_a_passing_car_is_loudest_where_it_is_near_and_its_pitch_falls() -> None
 
 
 def test_a_kettle_whistles_between_one_and_four_kilohertz() -> None:
-    kettle = next(voice for voice in DISTRACTORS if voice.name == "stove_whistle")
+    kettle = next(voice for voice in VOICES if voice.name == "stove_whistle")
     whistle = kettle.play(30 * SR, np.random.default_rng(0)).reshape(30, SR)
     loud = whistle[int(np.argmax(np.square(whistle).mean(axis=1)))]
     power = np.abs(np.fft.rfft(loud * np.hanning(SR))) ** 2

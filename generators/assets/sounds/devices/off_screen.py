@@ -1,0 +1,53 @@
+"""The voices of categories that are heard from other rooms only; they belong to none of the seven."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from generators.assets.sounds.devices import off_screen_animate as animate
+from generators.assets.sounds.devices import off_screen_machines as machines
+from generators.assets.sounds.devices import off_screen_music as music
+from generators.assets.sounds.devices import off_screen_street as street
+from generators.assets.sounds.voice import Voice
+
+_KLATT = "Klatt, JASA 67 (1980) 971; vowels of Peterson & Barney, JASA 24 (1952) 175"
+_PUMP = "induction motors: slip of 2 to 6 %, force at twice the mains frequency (textbooks of electrical machines)"
+_ROAD = "U. Sandberg, The multi-coincidence peak around 1000 Hz in tyre/road noise spectra, Euronoise 2003"
+_BARK = "S. Yin & B. McCowan, Animal Behaviour 68 (2004) 343; T. Riede & T. Fitch, J. Exp. Biol. 202 (1999) 2859"
+_FAN = "dipole noise of fans, blade-passing tones: Bies & Hansen, Engineering Noise Control, chapter on sources"
+
+_COMMUTATION = "six-step commutation: ripple at six times the electrical frequency"
+_DRAIN = "J. Lladó-París & B. Sánchez-Tabuenca, Acoustic analysis of the drainage cycle in a washing machine, DYNA 82"
+_BOILING = "stages of boiling: S. Nukiyama (1934); M. Minnaert's bubbles (1933)"
+_WHISTLE = "R. Henrywood & A. Agarwal, The aeroacoustics of a steam kettle, Physics of Fluids 25 (2013) 107101"
+_BYRNE = "D. Byrne et al., JASA 96 (1994) 2108 (long-term spectrum); " + _KLATT
+_ORGAN, _DRUM = "drawbar registration: sines at 1 to 8", "modes of an ideal membrane"
+_PLUCK = "K. Karplus & A. Strong, Computer Music Journal 7 (1983) 43; D. Jaffe & J. Smith, ibid. 56"
+
+_dishwasher, _fan, _kettle = (partial(Voice.of, name) for name in ("dishwasher", "fan", "kettle"))
+_speech, _dog = (partial(Voice.of, name) for name in ("speech_babble", "dog"))
+_music, _street = (partial(Voice.of, name) for name in ("music", "street"))
+
+VOICES: tuple[Voice, ...] = (
+    _dishwasher(machines.spray_arms, "train", "induction pump and turning jets", _PUMP),
+    _dishwasher(machines.inverter_two_arms, "validation", "brushless pump, arms in turn", _COMMUTATION),
+    _dishwasher(machines.drain_and_fill, "test", "synchronous drain pump, inlet valve", _DRAIN),
+    _fan(machines.desk_axial, "train", "axial blades on a shaded-pole motor", _FAN),
+    _fan(machines.ceiling_slow, "validation", "slow blades that wobble", _FAN),
+    _fan(machines.tower_crossflow, "test", "cross-flow impeller", _FAN),
+    _kettle(machines.electric_jug, "train", "collapsing, then rising bubbles of steam", _BOILING),
+    _kettle(machines.pan_with_lid, "validation", "rolling boil, lid", "Minnaert's bubbles (1933)"),
+    _kettle(machines.stove_whistle, "test", "steam through two plates", _WHISTLE),
+    _speech(animate.room_talk, "train", "formants, turn taking", _KLATT),
+    _speech(animate.radio_talk, "validation", "formants, small radio", _KLATT),
+    _speech(animate.crowd, "test", "noise with the spectrum and modulation of speech, and some talkers", _BYRNE),
+    _dog(animate.large_bark, "train", "larynx and tract, harsh", _BARK),
+    _dog(animate.whine_and_bark, "validation", "whines, growls, barks", _BARK),
+    _dog(animate.small_yap, "test", "larynx and tract, tonal", _BARK),
+    _music(music.organ_chords, "train", "additive chords", _ORGAN),
+    _music(music.drums_and_bass, "validation", "struck membranes, noise", _DRUM),
+    _music(music.plucked_strings, "test", "string loop with a filter", _PLUCK),
+    _street(street.passing_cars, "train", "rolling tyres, passing", _ROAD),
+    _street(street.closed_window, "validation", "traffic through a pane", _ROAD),
+    _street(street.wet_road_engines, "test", "splashing tyres, firing engines", _ROAD),
+)
