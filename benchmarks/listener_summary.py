@@ -17,8 +17,8 @@ from benchmarks.listener_tables import ROWS, RUN_JSON
 from evaluators.metrics.masks import mean
 from generators.manifest.reading import read_manifest
 
-#: Manifests of the datasets, by their names.
-MANIFESTS = Path(__file__).parent.parent / "scenes_manifest"
+#: Manifests of datasets whose scores by `listen` 1.0 are published: NAME-1.0.0.yaml, beside the scores.
+MANIFESTS = Path(__file__).parent.parent / "docs" / "results"
 #: Datasets and their parts whose strict IoU is in the summary, with short headings; the dataset whose part_3 is.
 SUMMARY = {
     ("open-s34-o7", "part_1"): "open part_1", ("open-s34-o7", "part_2"): "open part_2",
@@ -37,12 +37,12 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
 
 
 def twin_pairs(dataset: str) -> frozenset[Pair]:
-    """Keys of the pairs of twins of a dataset whose manifest is part of the project; empty without one.
+    """Keys of the pairs of twins of version 1.0.0 of a dataset; empty where its manifest is not kept.
 
     Raises:
         Avs3dError: if the manifest is broken.
     """
-    path = MANIFESTS / f"{dataset}.yaml"
+    path = MANIFESTS / f"{dataset}-1.0.0.yaml"
     if not path.exists():
         return frozenset()
     alone: dict[tuple[str, str], list[str]] = {}

@@ -162,6 +162,8 @@ class ObservationPlan:
             "backends": self.backends,
             "files": self._file_digests(sounds=False),
         }
+        if spec.twins != "apart":
+            document["twins"] = spec.twins
         if self._variants:
             document["variants"] = self._variants
         return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()

@@ -160,7 +160,7 @@ HOUSE = {
         "observation": "core assets lighting vision acoustics options backends placement paths manifest library plan "
         "homes",
         "run": "core assets vision acoustics options backends scans manifest library plan homes observation",
-        "sampling": "core assets options apartments placement manifest library plan observation",
+        "sampling": "core assets options apartments placement paths manifest library plan observation",
         "cli": "core options manifest plan run",
         "sealing": "options backends manifest plan observation run sampling cli",
     },

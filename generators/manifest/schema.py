@@ -221,6 +221,7 @@ class AcousticsSpec(_Model):
 
 
 SourceMotion = Literal["static", "path"]
+Twins = Literal["apart", "alike"]
 Seconds = Annotated[Number, Field(ge=0.0, le=float(FRAMES[1]))]
 Count = Annotated[int, Field(ge=1, le=MOST_COPIES, strict=True)]
 
@@ -381,7 +382,8 @@ class BackgroundSpec(_Model):
 
 
 #: Fields of an entry of part_3, and of the other parts.
-_PART_3_FIELDS, _ONE_SOURCE_FIELDS = ("sources", "background", "variant_of"), ("category", "silent", "variant")
+_PART_3_FIELDS = ("sources", "background", "variant_of", "twins")
+_ONE_SOURCE_FIELDS = ("category", "silent", "variant")
 
 
 class ObservationSpec(_Model):
@@ -390,6 +392,7 @@ class ObservationSpec(_Model):
     In part_1 and part_2, ``category`` is that of the sounding object, ``instances`` the number of its kind, and
     ``silent`` lists the categories of the other objects. In part_3, ``instances`` is a mapping of categories to numbers
     of identical objects, and ``sources`` says which of them sound, with a diffuse ``background`` if there is one.
+    With ``twins: alike`` identical objects stand near one another, and the walk keeps their distances alike.
 
     ``acoustics`` and ``source_motion`` default to those of the manifest. ``like`` is the key of the observation that
     this one is an acoustic variant or a sibling of, ``variant_of`` that of which a part_3 observation is a variant (see
@@ -405,6 +408,7 @@ class ObservationSpec(_Model):
     silent: tuple[InstanceName, ...] = Field((), max_length=MOST_SILENT)
     sources: tuple[SourceSpec, ...] | None = Field(None, max_length=MOST_SOURCES)
     background: BackgroundSpec | None = None
+    twins: Twins = "apart"
     variant: Line | None = None
     acoustics: AcousticsSpec = AcousticsSpec()
     source_motion: SourceMotion = "static"
@@ -517,7 +521,7 @@ class ObservationSpec(_Model):
 
     def identity(self) -> dict[str, Any]:
         """Content for digests: options that later versions added count only where they are set."""
-        usual: dict[str, Any] = {"acoustics": AcousticsSpec().model_dump(), "source_motion": "static"}
+        usual: dict[str, Any] = {"acoustics": AcousticsSpec().model_dump(), "source_motion": "static", "twins": "apart"}
         usual |= dict.fromkeys(("like", "variant_of", "sources", "background"))
         return {name: value for name, value in self.model_dump().items() if name not in usual or value != usual[name]}
 

@@ -8,6 +8,7 @@ nothing visible depends on. (With ``source_motion: path`` the motion itself reve
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -25,7 +26,7 @@ from generators.manifest.schema import ObjectSpec, SoundSpec
 from generators.observation.parts import rules_of
 from generators.paths.motion import Motion, movable, plan_motion
 from generators.paths.trajectory import WalkTask, plan_walk
-from generators.placement.placement import RULES, Placement, Rule, place
+from generators.placement.placement import RULES, TWIN_SPAN, Placement, Rule, place
 from generators.placement.site import Site
 from generators.plan import ObservationPlan, resolve_file
 
@@ -75,9 +76,18 @@ def arrange(
         hfov=camera.hfov,
         motion=motion,
         navigable=navigable,
+        alike=copies_of(placements) if plan.spec.twins == "alike" else (),
     )
     walk = plan_walk(task, plan.rng("path"))
     return Arrangement(placements, walk.poses, walk.notes, motion)
+
+
+def copies_of(placements: Sequence[Placement]) -> tuple[tuple[int, ...], ...]:
+    """Indices of the placements of each model that has several."""
+    same: dict[int, list[int]] = {}
+    for index, placement in enumerate(placements):
+        same.setdefault(id(placement.model), []).append(index)
+    return tuple(tuple(indices) for indices in same.values() if len(indices) > 1)
 
 
 def draw_instances(plan: ObservationPlan, categories: Sequence[str]) -> tuple[int | None, ...]:
@@ -121,7 +131,8 @@ def place_objects(plan: ObservationPlan, site: Site) -> tuple[tuple[Placement, .
     order = plan.rng("ids").permutation(len(models)).tolist()
     models = tuple(models[index] for index in order)
     if not plan.moves:
-        return place(site, models, rng=rng, rules=rules), None
+        span = TWIN_SPAN if plan.spec.twins == "alike" else math.inf
+        return place(site, models, rng=rng, rules=rules, span=span), None
     standing = {id(model): movable(model) for model in models}
     models = tuple(standing[id(model)] for model in models)
     for attempt in range(PLACES_TO_MOVE):

@@ -124,6 +124,21 @@ def track_penalty(sights: Sequence[Sight], watchers: Sequence[Watcher]) -> float
     return float((np.max(each) + np.mean(each)) / 2 + stuck + 20 * short)
 
 
+def level_difference(eyes: Array, sources: Array) -> float:
+    """How well the course of its level tells which of several equal sources sounds (dB).
+
+    The largest rms difference, over the walk and over all pairs of sources, of their levels in the free field,
+    −20·log10(distance), each without its mean: what sounds may have any level.
+
+    Args:
+        eyes: (n, 3) positions of the walk, metres.
+        sources: (K, 3) positions of the sources, metres.
+    """
+    level = -20 * np.log10(np.linalg.norm(eyes[:, None] - sources, axis=2))
+    level = level - level.mean(axis=0)
+    return float(np.sqrt(((level[:, :, None] - level[:, None, :]) ** 2).mean(axis=0)).max())
+
+
 def horizontal_distance(sight: Sight) -> Array:
     """(n,) distance from each position to the position of the candidate's sound source, metres."""
     return np.asarray(np.linalg.norm(sight.eyes[:, [0, 2]] - sight.source[..., [0, 2]], axis=1))

@@ -23,7 +23,15 @@ from generators.core.rays import RayCaster
 from generators.paths import gaze
 from generators.paths.gaze import Sight, Views
 from generators.paths.motion import Motion
-from generators.paths.tours import LOOKS, OBJECT_DISTANCE, Tours, best_piece, distances, track_penalty
+from generators.paths.tours import (
+    LOOKS,
+    OBJECT_DISTANCE,
+    Tours,
+    best_piece,
+    distances,
+    level_difference,
+    track_penalty,
+)
 from generators.paths.walk_report import WalkReport
 from generators.paths.watcher import Watcher, watchers
 from generators.placement.placement import Placement
@@ -35,6 +43,8 @@ Array = NDArray[np.float64]
 MOST_STEP, MOST_TURN = 0.5, 30.0
 #: Number of tours that are evaluated, and of gazes that are drawn along each.
 _TOURS, _GAZES = 8, 48
+#: Number of tracks of which one becomes a tour where twins are to be alike.
+_ALIKE_TRACKS = 12
 #: Largest number of tours that are drawn if some of them hit a moving object.
 _TRIES = 5 * _TOURS
 #: Least area of free floor for a walk (m²).
@@ -57,6 +67,7 @@ class WalkTask:
         watched: indices of the placements for which the walk is planned; None: all of them. Any other value lets the
             walk reveal something about these placements: it is for experiments on such leaks (benchmarks/leaks.py),
             and no generator uses it.
+        alike: indices of the copies of each model whose distances the walk keeps alike (see `level_difference`).
     """
 
     site: Site
@@ -67,6 +78,7 @@ class WalkTask:
     motion: Motion | None = None
     navigable: Navigable | None = None
     watched: Sequence[int] | None = None
+    alike: Sequence[Sequence[int]] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +123,8 @@ def plan_walk(task: WalkTask, rng: Generator) -> Walk:
             f"{name}: no room to walk: {space.area:.2f} m² of free floor for an agent {2 * space.radius:.1f} m wide;"
             " place fewer objects or choose another room"
         )
-    best = _search(Tours(piece, chosen, frames, motion), chosen, rng, moving=motion is not None)
+    tours = Tours(piece, chosen, frames, motion)
+    best = _search(_Alike(tours, task, space.floor) if task.alike else tours, chosen, rng, moving=motion is not None)
     if best is None:
         assert motion is not None
         raise Avs3dError(
@@ -141,8 +154,25 @@ def _floor(task: WalkTask) -> tuple[FreeSpace, RayCaster]:
     return space if task.navigable is None else space.within(task.navigable), caster
 
 
+class _Alike:
+    """Tours along which twins are about as far away as one another."""
+
+    def __init__(self, tours: Tours, task: WalkTask, floor: float) -> None:
+        self._tours, self._eye = tours, floor + task.height
+        self._twins = [np.array([task.placements[k].source_position for k in copies]) for copies in task.alike]
+
+    def draw(self, rng: Generator) -> Array | None:
+        """The track, of `_ALIKE_TRACKS`, with the smallest difference; see `Tours.draw`."""
+        tracks = [track for _ in range(_ALIKE_TRACKS) if (track := self._tours.draw(rng)) is not None]
+        return min(tracks, key=self._difference, default=None)
+
+    def _difference(self, track: Array) -> float:
+        eyes = np.insert(track, 1, self._eye, axis=1)
+        return max(level_difference(eyes, sources) for sources in self._twins)
+
+
 def _search(
-    tours: Tours, chosen: Sequence[Watcher], rng: Generator, *, moving: bool
+    tours: Tours | _Alike, chosen: Sequence[Watcher], rng: Generator, *, moving: bool
 ) -> tuple[Array, Array, Array] | None:
     """The eyes (n, 3), yaw and pitch (n,) of the best of many walks; None if all hit the moving object."""
     best: tuple[float, Array, Array, Array] | None = None

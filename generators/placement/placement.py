@@ -38,6 +38,8 @@ Fit = tuple[Spot, Body]
 
 #: Least distances between the centres of twins (m); each is tried only if the room has no places for those before it.
 TWIN_DISTANCES = (1.0, 0.7, 0.5)
+#: Largest distance between the centres of twins that are to be alike in distance from most of the floor (m).
+TWIN_SPAN = 1.5
 #: Two categories that are easily confused, and the range of the distance between their centres (m).
 HARD_PAIR, PAIR_DISTANCE = ("microwave", "oven"), (0.5, 1.0)
 #: Number of spots of a model that are tested, at first and at most; least distance between two of them (m).
@@ -159,7 +161,12 @@ class Placement:
 
 
 def place(
-    site: Site, models: Sequence[Model], *, rng: Generator, rules: Mapping[str, Rule] = RULES
+    site: Site,
+    models: Sequence[Model],
+    *,
+    rng: Generator,
+    rules: Mapping[str, Rule] = RULES,
+    span: float = math.inf,
 ) -> tuple[Placement, ...]:
     """Find places for all objects of an observation.
 
@@ -171,6 +178,7 @@ def place(
         models: one per object; a model that is listed several times is placed in as many identical copies.
         rng: the only source of randomness.
         rules: category → its usual places; categories without an entry have those of `Rule`.
+        span: largest distance between the centres of any two copies of a model, metres.
 
     Returns:
         The places, in the order of ``models``.
@@ -181,7 +189,7 @@ def place(
     if not models:
         raise Avs3dError(f"{site.name}: no objects to place; expected at least one")
     groups = _groups(models)
-    placer = Placer(site, rules)
+    placer = Placer(site, rules, span)
     found: dict[int, list[Placement]] = {}
     for attempt in range(_ATTEMPTS):
         last = attempt == _ATTEMPTS - 1
@@ -215,9 +223,10 @@ def _groups(models: Sequence[Model]) -> list[list[int]]:
 class Placer:
     """The search for places in one room."""
 
-    def __init__(self, site: Site, rules: Mapping[str, Rule] = RULES) -> None:
+    def __init__(self, site: Site, rules: Mapping[str, Rule] = RULES, span: float = math.inf) -> None:
         self.site = site
         self.rules = rules
+        self.span = span
         self.fitting = RoomFitting(site)
         self.refused: Counter[str] = Counter()
 
@@ -244,7 +253,9 @@ class Placer:
                     return found
         places = sum(len(tier.first(_POOLS[-1])) for tier in tiers)
         if places:
-            self.refused[f"suit one object, but no {count} of them fit together, {TWIN_DISTANCES[-1]} m apart"] = places
+            within = "" if math.isinf(self.span) else f" to {self.span:g}"
+            why = f"suit one object, but no {count} of them fit together, {TWIN_DISTANCES[-1]}{within} m apart"
+            self.refused[why] = places
         raise self._error(model, count, sum(len(tier.spots) for tier in tiers))
 
     def _single(self, model: Model, placed: Sequence[Placement], bodies: Sequence[Body], rng: Generator) -> Placement:
@@ -297,12 +308,13 @@ class Placer:
     def _apart(self, fits: Sequence[Fit], count: int, distance: float, bodies: Sequence[Body]) -> list[Fit]:
         """The first ``count`` of ``fits`` that are ``distance`` metres apart and fit together with ``bodies``, or none.
 
-        The search is depth-first.
+        No two are more than the span apart. The search is depth-first.
         """
         if len(fits) < count:
             return []
         centres = np.array([body.centre for _, body in fits])
-        apart = np.linalg.norm(centres[:, None] - centres, axis=2) >= distance
+        between = np.linalg.norm(centres[:, None] - centres, axis=2)
+        apart = (between >= distance) & (between <= self.span)
         branches, sets = 0, 0
         for first in range(len(fits)):
             stack = [([first], apart[first].copy())]

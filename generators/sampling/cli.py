@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from pathlib import Path
 from typing import Any
@@ -11,11 +12,13 @@ import click
 from avs3d_bench.commands.click_options import PATH, WORKERS, Group
 from avs3d_bench.commands.outputs import OutputFile
 from avs3d_bench.contract.taxonomy import PARTS
-from avs3d_bench.errors import UsageError, did_you_mean
+from avs3d_bench.errors import UsageError, did_you_mean, excerpt
 from generators.core.limits import FRAMES, SIZE
 from generators.sampling.document import SAMPLED
 from generators.sampling.name_option import name_option
 
+#: Compositions of groups, the usual one first; splits of the sounds (checked by tests/generators/test_sampling.py).
+GROUPS, SPLITS = ("training", "listen"), ("train", "validation", "test")
 #: Least number of frames: the programmes of several sources must fit.
 LEAST_FRAMES = 8
 #: Largest numbers of homes and observations; a manifest of 100,000 observations has 13 MB.
@@ -37,6 +40,13 @@ def _parts(_: click.Context, __: click.Parameter, value: str) -> tuple[str, ...]
     return tuple(part for part in PARTS if part in names)
 
 
+def _version(_: click.Context, __: click.Parameter, value: str) -> str:
+    """Check a version such as ``3.0.0``."""
+    if not re.fullmatch(r"\d{1,6}\.\d{1,6}\.\d{1,6}", value):
+        raise UsageError(f"--version {excerpt(value)} is no version; expected three numbers, such as 3.0.0")
+    return value
+
+
 @click.group(cls=Group)
 def manifest() -> None:
     """Make manifests."""
@@ -55,6 +65,13 @@ def manifest() -> None:
     "--parts", callback=_parts, default=",".join(PARTS), show_default=True, metavar="PARTS", help="Parts to sample."
 )
 @click.option(
+    "--groups",
+    type=click.Choice(GROUPS),
+    default=GROUPS[0],
+    show_default=True,
+    help="How groups of part_3 are composed: many kinds of siblings, or mostly twins that only direction tells apart.",
+)
+@click.option(
     "--exclude",
     type=PATH,
     multiple=True,
@@ -66,12 +83,21 @@ def manifest() -> None:
     is_flag=True,
     help="Draw only training variants of the objects, and none that an excluded manifest draws.",
 )
+@click.option("--sounds", type=click.Choice(SPLITS), default=None, help="Draw only voices of this split of the sounds.")
 @click.option(
     "--hold-out-sounds",
     is_flag=True,
-    help="Draw only training voices of the sounds, and none that an excluded manifest draws.",
+    help="Draw no voice that an excluded manifest draws, and only training voices unless --sounds says otherwise.",
 )
 @name_option("sampled-S")
+@click.option(
+    "--version",
+    callback=_version,
+    default="1.0.0",
+    show_default=True,
+    metavar="VERSION",
+    help="Version of the manifest.",
+)
 @click.option("--size", type=click.IntRange(*SIZE), default=252, show_default=True, help="Pixels per side.")
 @click.option(
     "--frames",
@@ -141,10 +167,13 @@ def _command_line(wanted: Any, name: str, exclude: tuple[Path, ...], check: bool
     words = ["avs3d", "manifest", "sample", "--name", name]
     words += ["--homes", str(wanted.homes), "--observations", str(wanted.observations), "--seed", str(wanted.seed)]
     words += ["--parts", ",".join(wanted.parts)]
+    words += ["--groups", wanted.groups] if wanted.groups != GROUPS[0] else []
     for path in exclude:
         words += ["--exclude", str(path)]
     words += ["--hold-out-models"] if wanted.hold_out_models else []
+    words += ["--sounds", wanted.sounds] if wanted.sounds else []
     words += ["--hold-out-sounds"] if wanted.hold_out_sounds else []
+    words += ["--version", wanted.version] if wanted.version != "1.0.0" else []
     for option, value in (wanted.camera | wanted.extra).items():
         words += [f"--{option}", str(value)]
     words += ["--check"] if check else []

@@ -10,6 +10,7 @@ from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.errors import UsageError
 from generators.assets.catalogue import training_variants, variants
 from generators.assets.sounds import usual_voices, voices
+from generators.assets.sounds.voice import Split
 from generators.library.lock import LOCK_NAME
 from generators.manifest.reading import read_manifest
 from generators.manifest.schema import Manifest
@@ -50,16 +51,19 @@ class Excluded:
             UsageError: naming the first category of which none is left.
         """
         known = {category: training_variants(category) for category in (*CATEGORIES, *LOOK_ALIKES.values())}
-        return _left(known, self.variants, "--hold-out-models", "variant")
+        return _left(known, self.variants, "--hold-out-models", "training variant")
 
-    def held_out_voices(self) -> dict[str, list[str]]:
-        """``voices`` of a manifest that shares none with the excluded ones: voices for training only.
+    def held_out_voices(self, split: Split = "train") -> dict[str, list[str]]:
+        """``voices`` of a manifest that shares none with the excluded ones: voices of one split only.
 
         Raises:
             UsageError: naming the first category of which none is left.
         """
-        known = {name: [voice.name for voice in voices(name) if voice.split == "train"] for name in CATEGORIES}
-        return _left(known, self.voices, "--hold-out-sounds", "voice")
+        known = {name: [voice.name for voice in voices(name) if voice.split == split] for name in CATEGORIES}
+        return _left(known, self.voices, "--hold-out-sounds", f"{_WORDS[split]} voice")
+
+
+_WORDS: dict[Split, str] = {"train": "training", "validation": "validation", "test": "test"}
 
 
 def _left(
@@ -73,8 +77,7 @@ def _left(
             users = sorted({used[category, name] for name in names})
             why = f"{', '.join(users)} uses all of them" if users else "it has none"
             raise UsageError(
-                f"{option}: no training {kind} of {category} is left ({why}); "
-                "exclude fewer manifests, or leave the option out"
+                f"{option}: no {kind} of {category} is left ({why}); exclude fewer manifests, or leave the option out"
             )
     return left
 

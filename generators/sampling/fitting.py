@@ -1,10 +1,16 @@
-"""Which units of a sampled manifest do not fit into their rooms; the homes are built without light and pictures."""
+"""Which units of a sampled manifest do not fit into their rooms; the homes are built without light and pictures.
+
+Nor do twins that are to be alike and are not: what sounds is drawn independently of it, so that it tells nothing.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+
+import numpy as np
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.runtime.parallel import process_each
@@ -12,10 +18,16 @@ from generators.apartments.apartment import build_apartment
 from generators.core.scene import Scene
 from generators.manifest.reading import ManifestFile
 from generators.manifest.schema import Manifest
-from generators.observation.arrangement import arrange
+from generators.observation.arrangement import Arrangement, arrange, copies_of
 from generators.options import GenerateOptions
+from generators.paths.tours import level_difference
 from generators.placement.site import Site
 from generators.plan import ObservationPlan, make_plans
+
+#: Twins are alike if the course of the level tells them apart by no more (dB, see `level_difference`), ...
+MOST_DIFFERENCE = 1.5
+#: ... and each of them is this far to the left (degrees), and to the right, in this share of the frames.
+SIDE, SIDE_SHARE = 15.0, 0.15
 
 
 @dataclass(frozen=True)
@@ -52,9 +64,25 @@ def fits(plan: ObservationPlan) -> bool:
     assert plan.scan.seed is not None
     home = _home(plan.spec.scan, plan.scan.seed)
     try:
-        arrange(plan, home, site=_site(home, plan.spec.room))
+        found = arrange(plan, home, site=_site(home, plan.spec.room))
     except Avs3dError:
         return False
+    return plan.spec.twins == "apart" or are_alike(found)
+
+
+def are_alike(found: Arrangement) -> bool:
+    """Whether twins can be told apart only by where they are heard from, and are heard from both sides."""
+    eyes = np.array([pose.position for pose in found.poses])
+    rightward = np.array([pose.rotation_matrix[:, 0] for pose in found.poses])
+    for copies in copies_of(found.placements):
+        sources = np.array([found.placements[index].source_position for index in copies])
+        if level_difference(eyes, sources) > MOST_DIFFERENCE:
+            return False
+        offset = sources - eyes[:, None]
+        sine = (offset * rightward[:, None]).sum(axis=2) / np.linalg.norm(offset, axis=2)
+        sides = [(sign * sine > math.sin(math.radians(SIDE))).mean(axis=0) for sign in (-1, 1)]
+        if np.min(sides) < SIDE_SHARE:
+            return False
     return True
 
 

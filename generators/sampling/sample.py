@@ -19,10 +19,11 @@ from numpy.random import Generator
 
 from avs3d_bench.contract.layout import observation_key
 from avs3d_bench.errors import Avs3dError, UsageError
+from generators.assets.sounds.voice import Split
 from generators.manifest.schema import Manifest
+from generators.sampling.compositions import COMPOSITIONS
 from generators.sampling.excluded import Excluded
 from generators.sampling.rooms import LOOK_ALIKE_SHARE, LOOK_ALIKES, MOST, MOST_BESIDE
-from generators.sampling.siblings import GROUP, siblings
 
 _T = TypeVar("_T")
 
@@ -35,8 +36,6 @@ SHARES = {"part_1": 1, "part_2": 1, "part_3": 8}
 MOST_INDEX = 99
 #: Index of the first sibling of a group: 1, 11, 21, … as in scenes_manifest/listen.yaml.
 GROUP_STEP = 10
-#: Share of the groups in which no category has twins, and of the groups and observations with other objects.
-SINGLE_SHARE = 0.25
 #: Share of the groups with a background, its kinds, and its level below the sources (dB).
 BACKGROUND_SHARE, BACKGROUNDS, SNR_DB = 0.5, ("room_tone", "noise"), (10, 35)
 #: How often a unit that does not fit into its room is drawn again.
@@ -51,20 +50,26 @@ class Wanted:
         homes, observations: numbers of them.
         seed: of the manifest, and of all draws.
         parts: which parts.
+        groups: how the groups of part_3 are composed, a name in `COMPOSITIONS`.
         camera: fields of the manifest's camera.
         extra: other fields of the manifest, such as light and audio.
         hold_out_models: whether only training variants are drawn.
-        hold_out_sounds: whether only training voices are drawn.
+        sounds: the split whose voices are drawn; None: the manifest names no voices, unless some are held out.
+        hold_out_sounds: whether the voices that an excluded manifest draws are left out of the split, by default train.
+        version: of the manifest.
     """
 
     homes: int
     observations: int
     seed: int
     parts: tuple[str, ...] = tuple(SHARES)
+    groups: str = "training"
     camera: dict[str, Any] = field(default_factory=lambda: {"size": 252, "frames": 24})
     extra: dict[str, Any] = field(default_factory=dict)
     hold_out_models: bool = False
+    sounds: Split | None = None
     hold_out_sounds: bool = False
+    version: str = "1.0.0"
 
 
 @dataclass(frozen=True)
@@ -101,7 +106,7 @@ def sample(
     excluded.check_seed(wanted.seed)
     document: dict[str, Any] = {
         "name": f"sampled-{wanted.seed}",
-        "version": "1.0.0",
+        "version": wanted.version,
         "seed": wanted.seed,
         **wanted.extra,
         "camera": wanted.camera,
@@ -109,8 +114,9 @@ def sample(
     }
     if wanted.hold_out_models:
         document["models"] = excluded.held_out_models()
-    if wanted.hold_out_sounds:
-        document["voices"] = excluded.held_out_voices()
+    if wanted.sounds or wanted.hold_out_sounds:
+        users = excluded if wanted.hold_out_sounds else Excluded({}, {}, {})
+        document["voices"] = users.held_out_voices(wanted.sounds or "train")
     drawer = _Drawer(wanted, list(document["scans"]))
     units = [drawer.unit(number, *place) for number, place in enumerate(drawer.places())]
     waiting = list(range(len(units)))
@@ -171,6 +177,7 @@ class _Drawer:
         self._wanted = wanted
         self._homes = homes
         self._frames = int(wanted.camera["frames"])
+        self._composition = COMPOSITIONS[wanted.groups]
         #: Units of a part in a room of a home; the index of a new one follows from it.
         self._in_room: Counter[tuple[str, str, str]] = Counter()
         self._rooms: Counter[Any] = Counter()
@@ -184,10 +191,9 @@ class _Drawer:
         """
         units: list[tuple[str, int]] = []
         for part, count in shares(self._wanted.observations, sorted(self._wanted.parts)).items():
-            size = GROUP if part == "part_3" else 1
+            size = self._composition.size if part == "part_3" else 1
             units += [(part, min(size, count - start)) for start in range(0, count, size)]
-            per_room = MOST_INDEX if size == 1 else len(range(1, MOST_INDEX - GROUP + 2, GROUP_STEP))
-            most = size * per_room * len(MOST) * len(self._homes)
+            most = size * self._most(part) * len(MOST) * len(self._homes)
             if count > most:
                 raise UsageError(
                     f"--observations {self._wanted.observations}: {len(self._homes)} homes take at most {most} "
@@ -202,29 +208,45 @@ class _Drawer:
         usable = [room for room in MOST if self._in_room[part, home, room] < self._most(part)]
         counts = [(self._rooms[home, room], self._rooms[part, room]) for room in usable]
         room = _rarest(usable, counts, rng)
-        self._in_room[part, home, room] += 1
         self._rooms[home, room] += 1
         self._rooms[part, room] += 1
+        return self._fill(self._next(part, home, room), size, number, rng)
+
+    def _next(self, part: str, home: str, room: str) -> dict[str, Any]:
+        """The next place in a room."""
+        self._in_room[part, home, room] += 1
         step = GROUP_STEP if part == "part_3" else 1
         index = 1 + step * (self._in_room[part, home, room] - 1)
-        where = {"part": part, "scan": home, "room": room, "index": index}
-        return self._fill(where, size, number, rng)
+        return {"part": part, "scan": home, "room": room, "index": index}
 
     def again(self, number: int, unit: SampledGroup, draw: int) -> SampledGroup:
-        """Draw the objects of a unit once more, in the same room."""
+        """Draw the objects of a unit once more, in the same room, or first some times their places alone.
+
+        Places and walk are drawn by the key: for other places, the unit gets another index.
+        """
         where = {name: unit.entries[0][name] for name in ("part", "scan", "room", "index")}
+        part, home, room = where["part"], where["scan"], where["room"]
+        if draw < self._composition.same_again and self._in_room[part, home, room] < self._most(part):
+            where = self._next(part, home, room)
+            first = {name: value for name, value in unit.entries[0].items() if name != "index"}
+            rest = (
+                sibling | {"like": _key(where), "index": where["index"] + n}
+                for n, sibling in enumerate(unit.entries[1:], start=1)
+            )
+            return SampledGroup((where | first, *rest), unit.kinds)
         rng = _stream(self._wanted.seed, f"unit/{number}/{draw}")
         return self._fill(where, len(unit.entries), number, rng)
 
-    @staticmethod
-    def _most(part: str) -> int:
-        return len(range(1, MOST_INDEX - GROUP + 2, GROUP_STEP)) if part == "part_3" else MOST_INDEX
+    def _most(self, part: str) -> int:
+        """The largest number of units of a part in a room."""
+        last = MOST_INDEX - self._composition.size + 1
+        return len(range(1, last + 1, GROUP_STEP)) if part == "part_3" else MOST_INDEX
 
     def _fill(self, where: dict[str, Any], size: int, number: int, rng: Generator) -> SampledGroup:
         part, room = where["part"], where["room"]
         focus = _rarest(list(MOST[room]), [self._focus[name] for name in MOST[room]], rng)
         self._focus[focus] += size
-        single = part == "part_1" or (part == "part_3" and rng.uniform() < SINGLE_SHARE)
+        single = part == "part_1" or (part == "part_3" and rng.uniform() < self._composition.single_share)
         numbers = [1] if single else list(range(2, MOST[room][focus] + 1))
         count = _rarest(numbers, [self._focus[focus, n] for n in numbers], rng)
         self._focus[focus, count] += 1
@@ -241,7 +263,7 @@ class _Drawer:
     def _beside(self, room: str, focus: str, single: bool, rng: Generator) -> list[str]:
         """Categories of the other objects: those that are rarest beside others come first."""
         most = MOST_BESIDE[room][single]
-        least = 1 if single else 0
+        least = 1 if single else self._composition.least_beside
         names = [name for name in MOST[room] if name != focus]
         chosen: list[str] = []
         for _ in range(int(rng.integers(least, most + 1))):
@@ -260,12 +282,13 @@ class _Drawer:
     ) -> SampledGroup:
         """The first ``size`` siblings of a group."""
         background = {}
-        if rng.uniform() < BACKGROUND_SHARE:
+        if unit % 2 if self._composition.in_turn else rng.uniform() < BACKGROUND_SHARE:
             kind = BACKGROUNDS[int(rng.integers(len(BACKGROUNDS)))]
             background = {"background": {"kind": kind, "snr_db": int(rng.integers(SNR_DB[0], SNR_DB[1] + 1))}}
-        drawn = siblings(where["room"], instances, unit, self._frames, rng)[:size]
+        drawn = self._composition.siblings(where["room"], instances, unit, self._frames, rng)[:size]
         kinds, sources = zip(*drawn, strict=True)
-        first = where | {"instances": instances, "sources": sources[0]} | background
+        twins = {} if self._composition.twins == "apart" else {"twins": self._composition.twins}
+        first = where | {"instances": instances} | twins | {"sources": sources[0]} | background
         rest = [
             {"like": _key(where), "index": where["index"] + number, "sources": sounding} | background
             for number, sounding in enumerate(sources[1:], start=1)

@@ -401,6 +401,11 @@ def test_fields_of_the_other_parts_are_refused(tmp_path: Path) -> None:
         ({"instances": 2}, r"instances: expected the objects of the room, e.g. \{microwave: 2"),
         ({"sources": None}, r"sources is missing; expected a list, \[\] for silence"),
         ({"source_motion": "path"}, "source_motion belongs to part_1 and part_2"),
+        ({"twins": "alik"}, r"observations.0.twins: Input should be 'apart' or 'alike' \(found 'alik'\)"),
+        (
+            {"part": "part_1", "category": "clock", "instances": None, "sources": None, "twins": "alike"},
+            "twins does not belong to part_1",
+        ),
         ({"part": "part_1", "category": "clock", "instances": None}, "sources does not belong to part_1"),
         (
             {"part": "part_1", "category": "clock", "instances": None, "sources": []},

@@ -21,7 +21,7 @@ from generators.assets.catalogue import Model, build_model, training_variants, v
 from generators.core.boxes import UprightBox, yaw_matrix
 from generators.core.freespace import FreeSpace
 from generators.core.scene import Mesh, Part, Room, Scene, SupportKind
-from generators.placement.placement import RULES, TWIN_DISTANCES, WALL_HEIGHTS, Placement, Rule, place
+from generators.placement.placement import RULES, TWIN_DISTANCES, TWIN_SPAN, WALL_HEIGHTS, Placement, Rule, place
 from generators.placement.site import Site
 from tests.support.rooms import SIZES, Toy, bathroom, box_model, kitchen, living_room
 
@@ -120,6 +120,21 @@ def test_objects_stand_where_they_belong(category: str, room: str, count: int) -
     assert min(gaps, default=9.0) >= (TWIN_DISTANCES[-1] if notes else TWIN_DISTANCES[0]) - 1e-6
     for one, other in combinations(placed, 2):
         assert not Polygon(one.box.footprint).intersects(Polygon(other.box.footprint)) or one.support != other.support
+
+
+@pytest.mark.parametrize(("category", "count"), [("clock", 2), ("vacuum_cleaner", 3)])
+def test_copies_are_no_further_apart_than_the_span(category: str, count: int) -> None:
+    toy = living_room()
+    model = box_model(category)
+    gaps = []
+    for span in (math.inf, TWIN_SPAN):
+        placed = place(Site.of(toy.scene, "living_room"), [model] * count, rng=rng(1), span=span)
+        centres = [p.box.centre for p in placed]
+        gaps.append(max(float(np.linalg.norm(a - b)) for a, b in combinations(centres, 2)))
+    assert gaps[1] <= TWIN_SPAN < gaps[0]
+    with pytest.raises(Avs3dError, match=rf"no {count} of them fit together, 0.5 to 0.4 m apart") as caught:
+        place(Site.of(toy.scene, "living_room"), [model] * count, rng=rng(), span=0.4)
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.slow

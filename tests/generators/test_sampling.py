@@ -6,6 +6,7 @@ import shlex
 import shutil
 from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -22,7 +23,9 @@ from generators.options import GenerateOptions
 from generators.plan import make_plans
 from generators.sampling import excluded as excluded_module
 from generators.sampling import sample as sample_module
+from generators.sampling.cli import GROUPS, SPLITS
 from generators.sampling.cli import manifest as command
+from generators.sampling.compositions import COMPOSITIONS, LEVELS, OF_MORE, OF_TWO
 from generators.sampling.document import manifest_text
 from generators.sampling.excluded import Excluded, what_they_use
 from generators.sampling.rooms import LOOK_ALIKES, MOST
@@ -32,7 +35,9 @@ from generators.sampling.statistics import sounding
 from generators.sampling.sweep_cli import sweep
 
 MANIFESTS = Path(__file__).parents[2] / "scenes_manifest"
-TRAIN = MANIFESTS / "train.yaml"
+TRAIN, LISTEN, TUNE = (MANIFESTS / f"{name}.yaml" for name in ("train", "listen", "listen-tune"))
+#: Manifests on which networks are trained, and on which settings are chosen; all others test.
+SPLIT_OF = {"train": "train"} | dict.fromkeys(("listen-tune", "marks-tune", "cue-weights"), "validation")
 NOTHING = Excluded({}, {}, {})
 
 
@@ -357,8 +362,6 @@ def test_sampled_observations_fit_into_their_rooms() -> None:
 
 
 def test_a_source_elsewhere_of_a_category_in_the_room_marks_no_object() -> None:
-    from types import SimpleNamespace
-
     from generators.observation.generate import class_table
     from generators.observation.parts import rules_of
 
@@ -460,7 +463,7 @@ def test_a_variant_of_an_observation_must_be_among_the_models(tmp_path: Path) ->
 def test_the_training_manifest_shares_no_home_no_seed_and_no_model_with_any_other() -> None:
     train = read_manifest(TRAIN).manifest
     others = what_they_use([MANIFESTS], TRAIN)
-    assert {11, 101, 201, 401} <= set(others.homes)
+    assert {11, 101, 201, 501} <= set(others.homes)
     assert len(train.scans) >= 150
     assert len(train.observations) >= 1000
     assert not {scan.seed for scan in train.scans.values()} & set(others.homes)
@@ -472,11 +475,202 @@ def test_the_training_manifest_shares_no_home_no_seed_and_no_model_with_any_othe
     assert (train.audio, train.camera.size, train.camera.frames) == ("tracer", 252, 24)
 
 
-def test_the_command_in_the_training_manifest_makes_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    shutil.copytree(MANIFESTS, tmp_path / "scenes_manifest")
-    monkeypatch.chdir(tmp_path)
-    words = shlex.split(TRAIN.read_text().splitlines()[0])
+def made_by_its_command(path: Path, folder: Path, *more: str) -> tuple[Path, list[str]]:
+    """A sampled manifest that the command in the first line of ``path`` makes, and the words of this command."""
+    shutil.copytree(MANIFESTS, folder / "scenes_manifest")
+    words = shlex.split(path.read_text().splitlines()[0])
     assert words[:4] == ["#", "avs3d", "manifest", "sample"]
-    result = CliRunner().invoke(command, [*words[3:], "-o", "scenes_manifest/train.yaml"])
+    made = folder / "scenes_manifest" / path.name
+    result = CliRunner().invoke(command, [*words[3:], *more, "-o", f"scenes_manifest/{path.name}"])
     assert result.exit_code == 0, result.output
-    assert (tmp_path / "scenes_manifest/train.yaml").read_bytes() == TRAIN.read_bytes()
+    return made, words
+
+
+def test_the_command_in_the_training_manifest_makes_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert made_by_its_command(TRAIN, tmp_path)[0].read_bytes() == TRAIN.read_bytes()
+
+
+# scenes_manifest/listen.yaml and listen-tune.yaml
+
+
+@pytest.mark.parametrize("path", [LISTEN, TUNE], ids=["listen", "listen-tune"])
+def test_the_command_in_a_manifest_of_listen_makes_it_if_the_same_groups_fit(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is drawn follows from the command, without the minutes that places and walks take."""
+    there = {spec.key: spec.objects for spec in read_manifest(path).manifest.observations}
+
+    def misfits(manifest: Manifest) -> list[int]:
+        return [n for n, spec in enumerate(manifest.observations) if there.get(spec.key) != spec.objects]
+
+    monkeypatch.setattr("generators.sampling.fitting.SampleFitting", lambda _workers: misfits)
+    monkeypatch.chdir(tmp_path)
+    assert made_by_its_command(path, tmp_path)[0].read_bytes() == path.read_bytes()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", [LISTEN, TUNE], ids=["listen", "listen-tune"])
+def test_the_command_in_a_manifest_of_listen_makes_it(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    made, words = made_by_its_command(path, tmp_path, "--workers", "2")
+    assert "--check" in words
+    assert made.read_bytes() == path.read_bytes()
+
+
+@pytest.fixture(scope="module", params=["sampled", "listen", "listen-tune"])
+def listening(request: pytest.FixtureRequest) -> Manifest:
+    """Manifests whose groups are composed for `listen`."""
+    if request.param == "sampled":
+        return drawn(Wanted(homes=10, observations=160, seed=5, parts=("part_3",), groups="listen"))[0]
+    return read_manifest(MANIFESTS / f"{request.param}.yaml").manifest
+
+
+def test_a_group_of_listen_is_mostly_twins_that_sound_alone(listening: Manifest) -> None:
+    several, background = 0, 0
+    for group in groups(listening):
+        first, sounding = group[0], [spec.sources or () for spec in group]
+        assert first.twins == "alike"
+        (focus, twins), *_ = sorted(first.objects.items(), key=lambda item: -item[1])
+        alone = Counter(s[0].instance for s in sounding if len(s) == 1 and not s[0].room and s[0].category == focus)
+        assert set(alone) == set(range(1, twins + 1))
+        assert max(alone.values()) - min(alone.values()) <= 1
+        # The category of what is off-screen stands silent in the room.
+        assert [one.category in first.objects for s in sounding for one in s if one.room] == [True]
+        for sources in sounding:
+            if len(sources) > 1:
+                several += twins > 2
+                assert len(sources) == 2
+                # Two of three or more twins, or one of two and something else: never all objects of the categories.
+                assert len({one.category for one in sources}) == (1 if twins > 2 else 2)
+                assert focus in {one.category for one in sources}
+        if twins > 2:
+            assert any(len(sources) > 1 for sources in sounding)
+        assert len({spec.background for spec in group}) == 1
+        background += first.background is not None
+        pairs = [a != b for n, a in enumerate(alone.elements()) for b in list(alone.elements())[n + 1 :]]
+        assert sum(pairs) >= 0.2 * len(group) * (len(group) - 1) / 2
+    assert several >= len(groups(listening)) / 5
+    assert background == len(groups(listening)) // 2
+    hard = [one.category for spec in listening.observations for one in spec.sources or () if one.room]
+    others = [category for spec, category in zip((g[0] for g in groups(listening)), hard, strict=True)
+              if spec.objects[category] == 1]  # fmt: skip
+    assert len(others) >= len(hard) / 5
+
+
+def test_every_source_of_listen_has_a_level_of_its_own(listening: Manifest) -> None:
+    levels = [one.gain_db for spec in listening.observations for one in spec.sources or ()]
+    assert LEVELS[0] <= min(levels) < LEVELS[0] + 2
+    assert LEVELS[1] - 2 < max(levels) <= LEVELS[1]
+    for group in groups(listening):
+        assert len({one.gain_db for spec in group for one in spec.sources or ()}) >= 5
+
+
+def test_the_place_of_a_sibling_in_its_group_does_not_tell_what_sounds(listening: Manifest) -> None:
+    silent = {spec.index % 10 for spec in listening.observations if not spec.sources}
+    elsewhere = {spec.index % 10 for spec in listening.observations if any(one.room for one in spec.sources or ())}
+    assert min(len(silent), len(elsewhere)) > 2
+
+
+@pytest.mark.parametrize("path", [LISTEN, TUNE], ids=["listen", "listen-tune"])
+def test_listen_has_homes_of_its_own_every_room_and_every_category(path: Path) -> None:
+    manifest = read_manifest(path).manifest
+    assert manifest.version == "3.0.0"
+    assert len(manifest.scans) >= 8
+    assert 16 <= len(groups(manifest)) <= 24
+    assert len(manifest.observations) <= 140
+    assert {spec.room for spec in manifest.observations} == set(ROOMS)
+    assert {one.category for spec in manifest.observations for one in spec.sources or ()} == set(CATEGORIES)
+    # listen-recorded.yaml has the observations of listen.yaml.
+    own = {path.name, "listen-recorded.yaml"} if path == LISTEN else {path.name}
+    found = [one for one in MANIFESTS.glob("*.yaml") if "lock" not in one.name and one.name not in own]
+    others = what_they_use(found, path)
+    assert not {scan.seed for scan in manifest.scans.values()} & set(others.homes)
+    assert manifest.seed not in others.seeds
+
+
+def test_all_patterns_of_listen_have_as_many_siblings() -> None:
+    assert {pattern.size for pattern in (*OF_TWO, *OF_MORE)} == {COMPOSITIONS["listen"].size}
+    assert tuple(COMPOSITIONS) == GROUPS
+
+
+def test_twins_that_do_not_fit_are_placed_anew_before_others_are_drawn() -> None:
+    wanted = Wanted(homes=2, observations=16, seed=3, parts=("part_3",), groups="listen")
+    plain, _ = drawn(wanted)
+    again = COMPOSITIONS["listen"].same_again
+
+    def moved(times: int) -> ObservationSpec:
+        asked = iter([[0]] * times + [[]])
+        return next(spec for spec in drawn(wanted, misfits=lambda _: next(asked))[0].observations)
+
+    first = plain.observations[0]
+    assert moved(1).index == first.index + 10
+    assert moved(again).model_copy(update={"index": first.index}) == first
+    assert moved(again + 1).model_copy(update={"index": first.index}) != first
+
+
+def test_twins_that_are_not_alike_do_not_fit() -> None:
+    import numpy as np
+
+    from avs3d_bench.geometry import Pose
+    from generators.sampling.fitting import are_alike
+
+    def found(*sources: tuple[float, float, float], turns: tuple[float, ...]) -> Any:
+        model = object()
+        placed = [SimpleNamespace(model=model, source_position=source) for source in sources]
+        poses = [
+            Pose.from_yaw((0.0, 1.5, z), yaw, 0.0) for z, yaw in zip(np.linspace(0, 1, len(turns)), turns, strict=True)
+        ]
+        return SimpleNamespace(placements=placed, poses=poses)
+
+    around = (0.0, 1.5, 3.0, 4.5, 0.7, 2.2)
+    assert are_alike(found((-0.5, 1.5, 3.0), (0.5, 1.5, 3.0), turns=around))
+    # Seen from the walk, one is in front and one behind: one grows louder while the other grows softer.
+    assert not are_alike(found((0.0, 1.5, 2.0), (0.0, 1.5, -1.0), turns=around))
+    # The head never turns: both stay on one side.
+    assert not are_alike(found((0.5, 1.5, 3.0), (0.5, 1.0, 3.0), turns=(0.0,) * 6))
+    assert are_alike(found((0.5, 1.5, 3.0), turns=(0.0,) * 6))
+
+
+def test_no_committed_manifest_draws_voices_of_another_split() -> None:
+    split_of = {(voice.category, voice.name): voice.split for name in CATEGORIES for voice in voices(name)}
+    with_voices = set()
+    for path in sorted(MANIFESTS.glob("*.yaml")):
+        if "lock" in path.name:
+            continue
+        manifest = read_manifest(path).manifest
+        for category, names in manifest.voices.items():
+            with_voices.add(path.stem)
+            for name in names:
+                assert split_of[category, name] == SPLIT_OF.get(path.stem, "test"), (path.name, category, name)
+    assert {"listen", "listen-tune"} <= with_voices
+
+
+@pytest.mark.parametrize("split", SPLITS)
+def test_the_voices_of_a_split_are_drawn(split: str, tmp_path: Path) -> None:
+    result = run(tmp_path, "--sounds", split, "--version", "3.0.0")
+    assert result.exit_code == 0, result.output
+    text = (tmp_path / "out.yaml").read_text()
+    assert f" --sounds {split} --version 3.0.0 " in text.splitlines()[0]
+    found = read_manifest(tmp_path / "out.yaml").manifest
+    assert found.version == "3.0.0"
+    assert {category: list(names) for category, names in found.voices.items()} == {
+        name: [voice.name for voice in voices(name) if voice.split == split] for name in CATEGORIES
+    }
+
+
+def test_voices_of_another_split_can_be_held_out_too(tmp_path: Path) -> None:
+    document, _ = sample(Wanted(homes=2, observations=4, seed=1, sounds="test"), NOTHING)
+    used = {(category, names[0]): "other" for category, names in document["voices"].items()}
+    wanted = Wanted(homes=2, observations=4, seed=1, sounds="test", hold_out_sounds=True)
+    left, _ = sample(wanted, Excluded({}, {}, {}, used))
+    assert left["voices"] == {category: names[1:] for category, names in document["voices"].items()}
+
+
+@pytest.mark.parametrize("text", ["3", "3.0", "v3.0.0", "", "3.0.0\n4"])
+def test_a_version_that_is_none_is_one_line(text: str, tmp_path: Path) -> None:
+    said = message(run(tmp_path, "--version", text))
+    assert "is no version; expected three numbers, such as 3.0.0" in said
+    assert not (tmp_path / "out.yaml").exists()

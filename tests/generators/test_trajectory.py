@@ -22,6 +22,7 @@ from generators.assets.shapes import MeshBuilder
 from generators.core.rays import RayCaster
 from generators.core.scene import Part, Room, Scene
 from generators.paths.gaze import Sight, Views
+from generators.paths.tours import level_difference
 from generators.paths.trajectory import Walk, WalkTask, plan_walk
 from generators.paths.watcher import line_of_sight, outer_samples
 from generators.placement.placement import Placement, place
@@ -172,6 +173,32 @@ def test_the_same_generator_gives_the_same_walk_and_another_gives_another() -> N
     again = plan_walk(WalkTask(Site.of(toy.scene, "kitchen"), placed, frames=120), rng(2))
     assert again.poses == result.poses
     assert plan_walk(WalkTask(Site.of(toy.scene, "kitchen"), placed, frames=120), rng(3)).poses != result.poses
+
+
+def test_the_course_of_the_level_of_two_sources_differs_as_their_distances_do() -> None:
+    eyes = np.array([[0.0, 1.5, 0.0], [0.0, 1.5, 3.0]])
+    beside = np.array([[-1.0, 1.5, 1.0], [1.0, 1.5, 1.0]])
+    assert level_difference(eyes, beside) == pytest.approx(0.0, abs=1e-9)
+    # From 1 m and 4 m, and from 4 m and 1 m: the levels fall and rise by 20·log10(4) dB around their means.
+    behind = np.array([[0.0, 1.5, -1.0], [0.0, 1.5, 4.0]])
+    assert level_difference(eyes, behind) == pytest.approx(20 * math.log10(4))
+    # A third source does not make the others more alike.
+    assert level_difference(eyes, np.concatenate([behind, beside])) == pytest.approx(20 * math.log10(4))
+
+
+@pytest.mark.slow
+def test_a_walk_past_twins_that_are_alike_keeps_their_distances_alike() -> None:
+    toy, placed, _ = walked("living_room", "clock", 2, 24)
+    site, sources = Site.of(toy.scene, "living_room"), np.array([p.source_position for p in placed])
+    found = {
+        alike: [
+            level_difference(np.array([pose.position for pose in walk.poses]), sources)
+            for seed in range(2)
+            for walk in [plan_walk(WalkTask(site, placed, frames=24, alike=alike), rng(seed))]
+        ]
+        for alike in ((), ((0, 1),))
+    }
+    assert np.mean(found[(0, 1),]) < 0.6 * np.mean(found[()])
 
 
 def test_notes_tell_what_could_not_be_had() -> None:

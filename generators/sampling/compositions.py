@@ -1,0 +1,112 @@
+"""How the groups of part_3 are composed: `COMPOSITIONS`, a table that `avs3d manifest sample --groups` chooses from.
+
+``training`` has many kinds of siblings in few observations. ``listen`` is for a benchmark of hearing where a sound
+comes from: most of its siblings are twins that sound alone, and no level, no category and no distance tells them apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import cycle, islice
+
+from numpy.random import Generator
+
+from generators.manifest.schema import Twins
+from generators.sampling.rooms import MOST
+from generators.sampling.siblings import GROUP, Sibling, Source, siblings
+
+#: Range of the level of each source (dB re the common loudness), so that loudness tells no distance: 18 dB are three
+#: doublings of it in the free field, more than the walk through a room has.
+LEVELS = (-9.0, 9.0)
+#: Siblings of a group beside those in which a twin sounds alone; see `listening`.
+OFF_SCREEN, SILENCE, OTHER = "off-screen", "silence", "another category"
+SEVERAL, WITH_OTHER = "several of a category", "a twin and another category"
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """The siblings of a group: in so many of them a twin sounds ``alone``; and the ``others``."""
+
+    alone: int
+    others: tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of siblings."""
+        return self.alone + len(self.others)
+
+
+#: Patterns of groups with two twins, which take them in turn, and with more, of which two can sound at once while
+#: others are silent. All have the same number of siblings; in so many of them a twin sounds alone that more than two
+#: fifths of the pair-frames are of twins (docs/sampling.md).
+OF_TWO = (
+    Pattern(6, (OFF_SCREEN, SILENCE)),
+    Pattern(6, (OFF_SCREEN, OTHER)),
+    Pattern(6, (OFF_SCREEN, WITH_OTHER)),
+)
+OF_MORE = (Pattern(6, (OFF_SCREEN, SEVERAL)),)
+
+
+def listening(room: str, instances: dict[str, int], number: int, frames: int, rng: Generator) -> list[Sibling]:
+    """The siblings of a group of ``listen``, in random order; see `generators.sampling.siblings.siblings`.
+
+    Every source has a level of its own. What is off-screen has a category of which objects stand silent in the room:
+    that of the twins, or in every third group that of another object.
+    """
+    del frames  # all of them sound all the time
+    focus, *others = (name for name in instances if name in _SOUNDING)
+    twins = [{"category": focus, "instance": int(n) + 1} for n in rng.permutation(instances[focus])]
+    patterns = OF_TWO if len(twins) == 2 else OF_MORE
+    pattern = patterns[number // 2 % len(patterns)]
+    found: list[Sibling] = [("a twin", [twin]) for twin in islice(cycle(twins), pattern.alone)]
+    for kind in pattern.others:
+        sources: list[Source] = []
+        if kind in (OTHER, WITH_OTHER):
+            sources = [{"category": str(rng.choice(others)), "instance": 1}]
+            sources += [twins[0]] if kind == WITH_OTHER else []
+        elif kind == SEVERAL:
+            sources = [twins[int(index)] for index in rng.permutation(len(twins))[:2]]
+        elif kind == OFF_SCREEN:
+            category = focus if number % 3 else str(rng.choice(others))
+            there = str(rng.choice([name for name in MOST if name != room]))
+            sources = [{"category": category, "room": there}]
+        found.append((kind, sources))
+    order = rng.permutation(len(found))
+    return [(kind, [_levelled(one, rng) for one in sources]) for kind, sources in (found[index] for index in order)]
+
+
+_SOUNDING = frozenset(name for room in MOST.values() for name in room)
+
+
+def _levelled(source: Source, rng: Generator) -> Source:
+    return source | {"gain_db": round(float(rng.uniform(*LEVELS)), 1)}
+
+
+@dataclass(frozen=True)
+class Composition:
+    """How the groups of part_3 are composed.
+
+    Attributes:
+        siblings: draws what sounds in the siblings of a group.
+        size: number of siblings of a whole group.
+        single_share: share of the groups in which no category has twins.
+        least_beside: least number of objects beside twins.
+        twins: how twins are placed (see `generators.manifest.schema.ObservationSpec`).
+        same_again: how often objects that do not fit are placed anew before others are drawn.
+        in_turn: whether every second group has a background; else that is drawn.
+    """
+
+    siblings: Callable[[str, dict[str, int], int, int, Generator], list[Sibling]]
+    size: int
+    single_share: float = 0.0
+    least_beside: int = 0
+    twins: Twins = "apart"
+    same_again: int = 0
+    in_turn: bool = False
+
+
+COMPOSITIONS = {
+    "training": Composition(siblings, GROUP, single_share=0.25),
+    "listen": Composition(listening, OF_TWO[0].size, least_beside=1, twins="alike", same_again=6, in_turn=True),
+}
