@@ -121,6 +121,13 @@ def manifest() -> None:
     help="Acoustic engine.",
 )
 @click.option(
+    "--hrtf",
+    type=click.Choice(["sphere", "family", "family-test", "kemar"]),
+    default="sphere",
+    show_default=True,
+    help="Head of the tracer's ears; a family draws one for each group.",
+)
+@click.option(
     "--check", is_flag=True, help="Place all objects, and draw again what does not fit into its room (seconds each)."
 )
 @click.option("--workers", type=WORKERS, default=1, show_default=True, help="Processes that --check uses.")
@@ -143,6 +150,8 @@ def sample_command(
     from generators.sampling.statistics import tables
 
     extra = {"light": chosen.pop("light"), "audio": chosen.pop("audio")}
+    head = chosen.pop("hrtf")
+    extra |= {} if head == "sphere" else {"hrtf": head}
     camera = {"size": chosen.pop("size"), "frames": chosen.pop("frames")}
     wanted = Wanted(**chosen, camera=camera, extra=extra)
     excluded = what_they_use(exclude, output)
