@@ -50,25 +50,37 @@ def sound_of(frame: Frame, control: SoundControl = "own") -> NDArray[np.float32]
 
 
 def other_frame(frame: Frame, *, same_category: bool) -> Frame:
-    """The frame of the same place in time of the next observation with the same, or another, sounding category.
+    """The frame of the same place in time of another observation with the same, or another, sounding category.
 
-    With the same category it is one of another home, with another category one with other pictures. What sounds in
-    observations of part_3 is the set of categories of their sources.
+    The next one fits that has other pictures and no category in common; or, with the same category, the one in another
+    home whose sources have the most categories in common and the fewest others (the next of equals). What sounds in
+    observations of part_3 is the set of categories of their sources; under silence it is nothing, in any home.
 
     Raises:
         UsageError: if the dataset has no such observation.
     """
     mine, dataset = frame.observation, _dataset(frame.observation.root)
     start, sounding = dataset.keys.index(mine.key), sounding_categories(mine)
+    if same_category and not sounding and mine.record is not None:
+        return frame
+    best: tuple[int, int] | None = None
+    chosen: Observation | None = None
     for step in range(1, len(dataset)):
         other = dataset[(start + step) % len(dataset)]
         found = sounding_categories(other)
+        common, rest = len(found & sounding), len(found ^ sounding)
+        if not found or not len(other):
+            continue
         if same_category:
-            fits = bool(found) and found == sounding and other.place.scan != mine.place.scan
+            fits = common > 0 and other.place.scan != mine.place.scan
         else:  # siblings would be right by chance
-            fits = bool(found) and not found & sounding and other.group_key != mine.group_key
-        if fits and len(other):
-            return other.frames[min(frame.index, len(other) - 1)]
+            fits = common == 0 and other.group_key != mine.group_key
+        if fits and (best is None or (same_category and (common, -rest) > best)):
+            best, chosen = (common, -rest), other
+            if not same_category or rest == 0:
+                break
+    if chosen is not None:
+        return chosen.frames[min(frame.index, len(chosen) - 1)]
     wanted = "the same category in another home" if same_category else "another category"
     name = "same-category" if same_category else "other-category"
     raise UsageError(f"{dataset.root}: no observation of {wanted} for {mine.key}; --sound {name} needs one")

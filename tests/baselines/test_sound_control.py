@@ -57,6 +57,17 @@ def test_the_same_category_is_of_another_home_and_another_category_of_any(datase
     np.testing.assert_array_equal(sound_of(frame, "other-category"), other.audio())
 
 
+def test_of_several_categories_the_most_alike_set_is_heard(dataset: Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
+    sets = dict(zip(KEYS, (("microwave", "clock"), (), ("microwave", "telephone"), ("microwave",)), strict=True))
+    monkeypatch.setattr(
+        "baselines.sound_control.sounding_categories", lambda observation: frozenset(sets[observation.key])
+    )
+    frame = dataset[KEYS[0]].frames[4]
+    assert other_frame(frame, same_category=True).observation.key == KEYS[3]
+    silent = dataset[KEYS[1]].frames[4]
+    assert other_frame(silent, same_category=True) == silent
+
+
 def test_what_the_dataset_lacks_is_one_line(dataset: Dataset) -> None:
     with pytest.raises(UsageError, match=r"no observation of the same category in another home for .*one/kitchen/2"):
         sound_of(dataset[KEYS[1]].frames[0], "same-category")
