@@ -18,11 +18,12 @@ from typing import Any
 import click
 
 from avs3d_bench.contract.scores import PAIR_KINDS, GroupScores, Scores
+from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.files import read_json, write_bytes
 from avs3d_bench.formats.media import read_record
 from baselines.references import REFERENCES
-from benchmarks import comparison_power, home_coverage, listener_page, receivers
+from benchmarks import comparison_power, home_coverage, listener_page, receivers, separability, sound_rows
 from benchmarks.listener_summary import summary, table
 from benchmarks.run import TARGETS
 from evaluators.reporting import table_contents, tables_markdown
@@ -97,6 +98,26 @@ class Results:
         names = ("twins", "pair_accuracy", *PAIR_KINDS[1:], "IoU")
         found = self.json("listen-references")["references"]
         return text(["row", *names], [[row, *(share(found[row][name]) for name in names)] for row in REFERENCES])
+
+    def separability(self) -> str:
+        """Seconds and takes that recognisers assign to the right category."""
+        head = ["recogniser", "asked about", *separability.CHANGES]
+        return text(head, separability.shares_table(self.json("separability")))
+
+    def confusions(self) -> str:
+        """What the network takes the test voices for."""
+        found = self.json("separability")["network"]["test"]["whole"]
+        return text(["sounds \\ taken for", *CATEGORIES], separability.confusions_table(found))
+
+    def listener_sounds(self) -> str:
+        """Strict IoU of the listener with sounds of three origins."""
+        rows = sound_rows.sounds_table(self.json("listener-sounds")["sounds"])
+        return text(["what the sources play", "part_1", "part_2"], rows)
+
+    def sound_controls(self) -> str:
+        """The listener with another sound in place of its own."""
+        rows = sound_rows.controls_table(self.json("listener-sounds")["controls"])
+        return text(["`--sound`", "part_1", "part_2", "listen, twins", "listen, all pairs"], rows)
 
     def paper_methods(self) -> str:
         """Table 2 of the paper, beside our figures."""
@@ -326,6 +347,8 @@ def blocks(docs: Path) -> dict[str, list[tuple[str, Callable[[], str]]]]:
             ("results", lambda: summary(own.folder)), ("training", own.training), ("caps", own.caps),
             ("methods", own.methods),
         ],
+        "docs/listener.md": [("sounds", own.listener_sounds), ("controls", own.sound_controls)],
+        "docs/sounds.md": [("separability", own.separability), ("confusions", own.confusions)],
         "docs/results-choice.md": [
             ("unseen twins", lambda: own.twins("cue-weights-unseen")), ("calibration", own.calibration),
             ("open twins", lambda: own.twins("cue-weights-open")), ("engines", own.engines), ("choice", own.choice),

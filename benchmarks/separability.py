@@ -13,7 +13,7 @@ mean spectrum from 10 to 20 kHz.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -310,6 +310,25 @@ def measure(folder: Path, *, units: int, cnn: bool, workers: int | None, seed: i
     top = top_octave(train)
     report["10 to 20 kHz alone"] = {which: {"whole": verdict(top, asked)} for which, asked in sets.items()}
     return report
+
+
+def shares_table(report: Mapping[str, Any]) -> list[list[str]]:
+    """Rows: recogniser, set, then for each change right seconds and, in brackets, right takes."""
+    rows = []
+    for name, sets in report.items():
+        for which, changes in sets.items():
+            shares = [f"{v['seconds']:.2f} ({v['takes']:.2f})" for v in changes.values()]
+            rows.append([name, which, *shares, *[""] * (len(CHANGES) - len(shares))])
+    return rows
+
+
+def confusions_table(verdict_: Mapping[str, Any]) -> list[list[str]]:
+    """Rows: the true category, then the share of its seconds (%) that were taken for each."""
+    rows = []
+    for name, counts in zip(CATEGORIES, verdict_["confusions"], strict=True):
+        whole = max(1, sum(counts))
+        rows.append([name, *(f"{100 * count / whole:.0f}" for count in counts)])
+    return rows
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

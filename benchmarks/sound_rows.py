@@ -1,0 +1,89 @@
+"""`python -m benchmarks.sound_rows ROW=SCORES.json … -o FILE.json`: figures of one method with different sounds.
+
+A row is a name and a file of scores. What is kept: strict IoU by part and by category, and under ``listen`` the pair
+accuracy by kind of pair, with their intervals. docs/results/listener-sounds.json is such a file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+
+from avs3d_bench.contract.scores import PAIR_KINDS, GroupScores, Scores
+from avs3d_bench.formats.files import write_json
+from avs3d_bench.formats.media import read_record
+
+_LISTEN = ("pair_accuracy", *PAIR_KINDS, "IoU", "FP_rate")
+
+
+def row_of(scores: Scores) -> dict[str, Any]:
+    """The figures of a file of scores: part or category → metric → {"value", "interval"}."""
+    groups = {**scores.parts, **scores.categories}
+    return {name: found for name, group in groups.items() if (found := _figures(group))}
+
+
+def _figures(group: GroupScores) -> dict[str, Any]:
+    found = {}
+    for summary, names in ((group.strict, ("IoU",)), (group.listen, _LISTEN)):
+        for name in names if summary is not None else ():
+            if (value := getattr(summary, name)) is not None:
+                title = "strict_IoU" if summary is group.strict else name
+                found[title] = {"value": value, "interval": summary.intervals.get(name)}
+    return found
+
+
+def sounds_table(rows: Mapping[str, Any]) -> list[list[str]]:
+    """Rows of strict IoU with what the sources play: part_1, part_2 with intervals."""
+    return [
+        [title, *(_with_interval(rows[title][part]["strict_IoU"]) for part in ("part_1", "part_2"))] for title in rows
+    ]
+
+
+def controls_table(rows: Mapping[str, Any]) -> list[list[str]]:
+    """Rows of the controls: strict IoU of both parts; under ``listen`` twins and all pairs."""
+    return [
+        [
+            title,
+            *(_value(row["open"][part]["strict_IoU"]) for part in ("part_1", "part_2")),
+            *(_value(row["listen"]["part_3"][name]) if "listen" in row else "–" for name in ("twins", "pair_accuracy")),
+        ]
+        for title, row in rows.items()
+    ]
+
+
+def _value(figure: Mapping[str, Any]) -> str:
+    return f"{figure['value']:.3f}".removeprefix("0")
+
+
+def _with_interval(figure: Mapping[str, Any]) -> str:
+    low, high = (f"{bound:.2f}".removeprefix("0") for bound in figure["interval"])
+    return f"{_value(figure)} ({low}–{high})"
+
+
+def _named(_: click.Context, __: click.Parameter, values: tuple[str, ...]) -> dict[str, Path]:
+    pairs = [value.split("=", 1) for value in values]
+    if any(len(pair) < 2 for pair in pairs):
+        raise click.BadParameter("expected ROW=SCORES.json")
+    return {name: Path(file) for name, file in pairs}
+
+
+@click.command()
+@click.argument("rows", nargs=-1, required=True, callback=_named)
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True)
+def main(rows: dict[str, Path], output: Path) -> None:
+    """Collect the figures of files of scores; a row ``NAME/DATASET`` goes below NAME."""
+    found: dict[str, Any] = {}
+    for name, file in rows.items():
+        place = found
+        *above, last = name.split("/")
+        for one in above:
+            place = place.setdefault(one, {})
+        place[last] = row_of(read_record(file, Scores))
+    write_json(output, found)
+
+
+if __name__ == "__main__":
+    main()
