@@ -93,6 +93,7 @@ class ObservationPlan:
     categories: dict[str, CategorySpec] = field(default_factory=dict)
     models: dict[str, tuple[str, ...]] = field(default_factory=dict)
     voices: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    levels: tuple[float, float] | None = None
     takes: dict[str, Takes] = field(default_factory=dict)
 
     @property
@@ -196,6 +197,8 @@ class ObservationPlan:
         voices = {name: self.voices[name] for name in self.spec.heard if name in self.voices}
         if voices:
             document["voices"] = voices
+        if self.levels is not None:
+            document["levels"] = self.levels
         if self.takes:
             document["takes"] = self.takes
         return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
@@ -430,6 +433,7 @@ def make_plans(source: ManifestFile, options: GenerateOptions | None = None) -> 
             categories=manifest.categories,
             models=manifest.models,
             voices=manifest.voices,
+            levels=manifest.levels,
             takes=takes.get(spec.variant_of or spec.key, {}),
         )
 

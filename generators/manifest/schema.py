@@ -107,6 +107,14 @@ def _named(check: Callable[[str], str], value: str) -> str:
         raise ValueError(str(error)) from None
 
 
+def _ascending(value: tuple[float, float]) -> tuple[float, float]:
+    if value[0] > value[1]:
+        raise ValueError(f"expected [lowest, highest] in dB, found [{value[0]:g}, {value[1]:g}]")
+    return value
+
+
+#: Level re the common loudness of all sources (dB).
+Level = Annotated[Number, Field(ge=-40.0, le=20.0)]
 Coordinate = Annotated[Number, Field(ge=-FARTHEST, le=FARTHEST)]
 Slug = Annotated[str, AfterValidator(check_slug)]
 Line = Annotated[str, Field(max_length=1000), AfterValidator(_one_line)]
@@ -360,7 +368,7 @@ class SourceSpec(_Model):
     instance: int | None = Field(None, ge=1, strict=True)
     room: RoomName | None = None
     programme: Annotated[ProgrammeSpec | None, BeforeValidator(_programme)] = None
-    gain_db: Annotated[Number, Field(ge=-40.0, le=20.0)] = 0.0
+    gain_db: Level = 0.0
 
     @model_validator(mode="after")
     def _seen_or_not(self) -> Self:
@@ -546,7 +554,8 @@ class Manifest(_Model):
     head that hears with the tracer, unless another one is asked for.
 
     ``models`` restricts the procedural variants from which the objects of a category are drawn, ``voices`` names the
-    devices by which its sound is synthesised.
+    devices by which its sound is synthesised. ``levels`` is the range from which the level of each source re the common
+    loudness is drawn (dB), beside its ``gain_db``.
     """
 
     name: Slug
@@ -560,6 +569,7 @@ class Manifest(_Model):
     categories: dict[CategoryName, CategorySpec] = Field({}, max_length=MOST_OWN_CATEGORIES)
     models: dict[InstanceName, Variants] = {}
     voices: dict[SoundName, Variants] = {}
+    levels: Annotated[tuple[Level, Level], AfterValidator(_ascending)] | None = None
     objects: dict[InstanceName, tuple[ObjectSpec, ...]] = {}
     sounds: dict[SoundName, tuple[SoundSpec, ...]] = {}
     notes: str = ""

@@ -106,7 +106,11 @@ def describe_source(source: SoundSource) -> SourceRecord:
 
 def describe_signal(source: SoundSource) -> SoundRecord:
     """The record of the signal of an observation's only source."""
-    return SoundRecord(asset=source.signal.asset, licence=describe_licence(source.signal.licence))
+    return SoundRecord(
+        asset=source.signal.asset,
+        licence=describe_licence(source.signal.licence),
+        gain_db=source.gain_db or None,
+    )
 
 
 def describe_frame(

@@ -127,11 +127,22 @@ def choose_sources(plan: ObservationPlan, home: Scene, arrangement: Arrangement)
                 room=room,
                 path=path,
                 intervals=intervals_of(spec.programme, seconds, PRE_ROLL, rng),
-                gain_db=spec.gain_db,
+                gain_db=spec.gain_db + drawn_level(plan, spec.category, of_category[spec.category]),
                 signal=choose_signal(plan, spec.category, of_category[spec.category]),
             )
         )
     return tuple(sources)
+
+
+def drawn_level(plan: ObservationPlan, category: str, nth: int = 1) -> float:
+    """The level (dB) that is drawn from the manifest's ``levels`` for the ``nth`` source of a category; 0 without them.
+
+    A constant loudness would tell how far away a source is; the level belongs to a take, as what it plays does.
+    """
+    if plan.levels is None:
+        return 0.0
+    stream = rules_of(plan.spec.part).signal_stream.format(category=category, nth=nth)
+    return round(float(plan.own_rng(f"{stream}/level").uniform(*plan.levels)), 1)
 
 
 def choose_signal(plan: ObservationPlan, category: str, nth: int = 1) -> SourceSignal:

@@ -128,6 +128,13 @@ def manifest() -> None:
     help="Head of the tracer's ears; a family draws one for each group.",
 )
 @click.option(
+    "--levels",
+    type=(float, float),
+    default=None,
+    metavar="LOW HIGH",
+    help="Range from which the level of each source re the common loudness is drawn (dB).",
+)
+@click.option(
     "--check", is_flag=True, help="Place all objects, and draw again what does not fit into its room (seconds each)."
 )
 @click.option("--workers", type=WORKERS, default=1, show_default=True, help="Processes that --check uses.")
@@ -152,6 +159,8 @@ def sample_command(
     extra = {"light": chosen.pop("light"), "audio": chosen.pop("audio")}
     head = chosen.pop("hrtf")
     extra |= {} if head == "sphere" else {"hrtf": head}
+    if (levels := chosen.pop("levels")) is not None:
+        extra["levels"] = list(levels)
     camera = {"size": chosen.pop("size"), "frames": chosen.pop("frames")}
     wanted = Wanted(**chosen, camera=camera, extra=extra)
     excluded = what_they_use(exclude, output)
@@ -184,6 +193,10 @@ def _command_line(wanted: Any, name: str, exclude: tuple[Path, ...], check: bool
     words += ["--hold-out-sounds"] if wanted.hold_out_sounds else []
     words += ["--version", wanted.version] if wanted.version != "1.0.0" else []
     for option, value in (wanted.camera | wanted.extra).items():
-        words += [f"--{option}", str(value)]
+        words += [f"--{option}", *(f"{one:g}" if isinstance(one, float) else str(one) for one in _values(value))]
     words += ["--check"] if check else []
     return shlex.join(words)
+
+
+def _values(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else [value]

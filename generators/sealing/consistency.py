@@ -33,6 +33,7 @@ from avs3d_bench.validation.masks import Contents, check_masks
 from avs3d_bench.validation.sightings import Labels, Sightings, check_labels, sightings_by_frame
 from generators.manifest.schema import Manifest, ObservationSpec
 from generators.observation.arrangement import draw_instances
+from generators.observation.sources import drawn_level
 from generators.observation.surface_points import draw_pixels
 from generators.plan import ObservationPlan
 
@@ -213,6 +214,16 @@ def _check_observation(
         yield Problem("error", key, str(error))
 
 
+def _wanted_sources(spec: ObservationSpec, plan: ObservationPlan | None) -> list[tuple[str, str, float]]:
+    """(category, room, level) of the sources that the manifest names, with the levels that the secret draws."""
+    found, of_category = [], Counter[str]()
+    for source in spec.sources or ():
+        of_category[source.category] += 1
+        drawn = drawn_level(plan, source.category, of_category[source.category]) if plan else 0.0
+        found.append((source.category, source.room or spec.room, source.gain_db + drawn))
+    return found
+
+
 def _against_manifest(record: ObservationRecord, spec: ObservationSpec, opened: Opened) -> Iterator[str]:
     """Contradictions between an observation's record and the manifest with the draws of the secret."""
     manifest = opened.manifest
@@ -224,8 +235,11 @@ def _against_manifest(record: ObservationRecord, spec: ObservationSpec, opened: 
     if spec.sources is None:
         found += [("category", record.category, spec.category), ("original", record.variant_of, spec.like)]
     else:
+        plan = opened.plans.get(record.key)
         sources = [(s.category, s.room, s.gain_db) for s in record.sources or ()]
-        wanted = [(s.category, s.room or spec.room, s.gain_db) for s in spec.sources]
+        wanted = _wanted_sources(spec, plan)
+        if manifest.levels is not None and plan is None:  # what other software draws is not known
+            sources, wanted = ([(*one[:2], 0.0) for one in some] for some in (sources, wanted))
         background = record.background and (record.background.kind, record.background.snr_db)
         found += [
             ("sources", sources, wanted),

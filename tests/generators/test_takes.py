@@ -28,6 +28,7 @@ from generators.assets.sounds import enough, stretches, synthesise
 from generators.backends import vision_backend
 from generators.observation.hearing import HEAD, responses_at
 from generators.observation.prepare import prepare_sources
+from generators.observation.record import describe_signal, describe_source
 from generators.observation.sources import check_takes, choose_sources
 from generators.options import GenerateOptions
 from generators.plan import ObservationPlan, make_plans, read_manifest
@@ -79,6 +80,30 @@ def takes(plan: ObservationPlan) -> list[np.ndarray]:
     home, seen = arranged_unlit(plan)
     sources = choose_sources(plan, home, seen)
     return [source.signal.samples for source in sources if source.category == "microwave"]
+
+
+def test_the_level_of_a_source_is_drawn_with_its_take(tmp_path: Path) -> None:
+    for name in ("plain", "drawn", "twice"):
+        (tmp_path / name).mkdir()
+    plain, drawn = plans_of(tmp_path / "plain"), plans_of(tmp_path / "drawn", levels=[-9, -3])
+    levels = {}
+    for index, plan in drawn.items():
+        home, arrangement = arranged_unlit(plan)
+        loud = choose_sources(plain[index], home, arrangement)
+        quiet = choose_sources(plan, home, arrangement)
+        levels[index] = [source.gain_db for source in quiet]
+        for before, after in zip(loud, quiet, strict=True):
+            assert before.gain_db == 0
+            assert -9 <= after.gain_db <= -3
+            scaled = before.samples * 10 ** (after.gain_db / 20)
+            np.testing.assert_allclose(after.samples, scaled, rtol=1e-5, atol=1e-9)
+            assert describe_source(after).gain_db == describe_signal(after).gain_db == after.gain_db
+            assert describe_signal(before).gain_db is None
+    assert levels[7] == levels[2], "a variant plays the take of its original"
+    assert len({level for some in levels.values() for level in some}) >= 5, "siblings draw levels of their own"
+    assert plain[1].digest != drawn[1].digest == plans_of(tmp_path / "twice", levels=[-9, -3])[1].digest
+    with pytest.raises(UsageError, match=r"levels: expected \[lowest, highest\] in dB, found \[0, -9\]"):
+        plans_of(tmp_path / "twice", levels=[0, -9])
 
 
 def alike(one: np.ndarray, other: np.ndarray) -> float:

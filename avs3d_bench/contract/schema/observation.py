@@ -82,8 +82,13 @@ class InstanceRecord(Record):
 class SoundRecord(Record):
     """The recording or synthesis that the sounding instance plays."""
 
+    left_out: ClassVar[frozenset[str]] = frozenset({"gain_db"})
+
     asset: Text
     licence: LicenceRecord
+    gain_db: float | None = Field(
+        default=None, description="level re the common loudness of all sources, dB; absent: 0"
+    )
 
 
 class SourceRecord(Record):
@@ -464,7 +469,7 @@ class ObservationRecord(Record):
             room=self.room,
             position=instance.position if self.source_position is None else self.source_position,
             programme=((EARLIEST_START, len(self.frames) / layout.FRAME_RATE),),
-            gain_db=0.0,
+            gain_db=(sound and sound.gain_db) or 0.0,
             asset=sound.asset if sound else "not recorded",
             licence=sound.licence if sound else instance.licence,
         )
