@@ -31,6 +31,7 @@ from generators.assets.sounds import synthesise, voices
 from generators.assets.sounds.recordings import resampled
 
 Array = NDArray[np.float64]
+Second = tuple[NDArray[np.float32], int, str]
 Filter = Callable[[Array], Array]
 #: Seconds (n, 44100) → (n, categories) probabilities.
 Recogniser = Callable[[Array], Array]
@@ -76,7 +77,7 @@ def of_voices(split: str, seed: int, units: int, workers: int | None) -> Clips:
     return _clips([one for task in tasks for one in found[task]])
 
 
-def _of_voice(task: tuple[int, str, tuple[int, ...], int]) -> list[tuple[Array, int, str]]:
+def _of_voice(task: tuple[int, str, tuple[int, ...], int]) -> list[Second]:
     number, name, seed, units = task
     rng, category = np.random.default_rng(seed), CATEGORIES[number]
     found = []
@@ -89,7 +90,7 @@ def _of_voice(task: tuple[int, str, tuple[int, ...], int]) -> list[tuple[Array, 
 def of_recordings(folder: Path, seed: int) -> Clips:
     """Seconds of all recordings; one that is shorter is repeated."""
     rng = np.random.default_rng(seed)
-    found: list[tuple[Array, int, str]] = []
+    found: list[Second] = []
     for number, category in enumerate(CATEGORIES):
         for name, (signal, rate) in recordings(folder, category).items():
             whole = resampled(signal, rate)
@@ -98,7 +99,7 @@ def of_recordings(folder: Path, seed: int) -> Clips:
     return _clips(found)
 
 
-def _clips(found: Sequence[tuple[Array, int, str]]) -> Clips:
+def _clips(found: Sequence[Second]) -> Clips:
     samples, labels, names = zip(*found, strict=True)
     return Clips(np.stack(samples), np.array(labels), list(names))
 

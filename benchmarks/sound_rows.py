@@ -21,14 +21,17 @@ _LISTEN = ("pair_accuracy", *PAIR_KINDS, "IoU", "FP_rate")
 
 def row_of(scores: Scores) -> dict[str, Any]:
     """The figures of a file of scores: part or category → metric → {"value", "interval"}."""
-    groups = {**scores.parts, **scores.categories}
+    groups: dict[str, GroupScores] = {str(name): group for name, group in scores.parts.items()}
+    groups |= {str(name): group for name, group in scores.categories.items()}
     return {name: found for name, group in groups.items() if (found := _figures(group))}
 
 
 def _figures(group: GroupScores) -> dict[str, Any]:
     found = {}
     for summary, names in ((group.strict, ("IoU",)), (group.listen, _LISTEN)):
-        for name in names if summary is not None else ():
+        if summary is None:
+            continue
+        for name in names:
             if (value := getattr(summary, name)) is not None:
                 title = "strict_IoU" if summary is group.strict else name
                 found[title] = {"value": value, "interval": summary.intervals.get(name)}
