@@ -214,9 +214,14 @@ def _check_observation(
         yield Problem("error", key, str(error))
 
 
-def _wanted_sources(spec: ObservationSpec, plan: ObservationPlan | None) -> list[tuple[str, str, float]]:
+#: Category, room and level (dB) of a source.
+_SourceFacts = tuple[str, str, float]
+
+
+def _wanted_sources(spec: ObservationSpec, plan: ObservationPlan | None) -> list[_SourceFacts]:
     """(category, room, level) of the sources that the manifest names, with the levels that the secret draws."""
-    found, of_category = [], Counter[str]()
+    of_category: Counter[str] = Counter()
+    found: list[_SourceFacts] = []
     for source in spec.sources or ():
         of_category[source.category] += 1
         drawn = drawn_level(plan, source.category, of_category[source.category]) if plan else 0.0
@@ -236,10 +241,10 @@ def _against_manifest(record: ObservationRecord, spec: ObservationSpec, opened: 
         found += [("category", record.category, spec.category), ("original", record.variant_of, spec.like)]
     else:
         plan = opened.plans.get(record.key)
-        sources = [(s.category, s.room, s.gain_db) for s in record.sources or ()]
+        sources: list[_SourceFacts] = [(s.category, s.room, s.gain_db) for s in record.sources or ()]
         wanted = _wanted_sources(spec, plan)
         if manifest.levels is not None and plan is None:  # what other software draws is not known
-            sources, wanted = ([(*one[:2], 0.0) for one in some] for some in (sources, wanted))
+            sources, wanted = ([(category, room, 0.0) for category, room, _ in some] for some in (sources, wanted))
         background = record.background and (record.background.kind, record.background.snr_db)
         found += [
             ("sources", sources, wanted),
