@@ -43,6 +43,8 @@ _LEAST_DRAWN = 0.9
 _FEWEST_POINTS = 10
 
 _D = TypeVar("_D", bound=np.generic)
+#: Category, room and level (dB) of a source.
+_SourceFacts = tuple[str, str, float]
 
 
 @dataclass(frozen=True)
@@ -212,10 +214,6 @@ def _check_observation(
         yield from _check_pictures(opened, observation, record)
     except Avs3dError as error:
         yield Problem("error", key, str(error))
-
-
-#: Category, room and level (dB) of a source.
-_SourceFacts = tuple[str, str, float]
 
 
 def _wanted_sources(spec: ObservationSpec, plan: ObservationPlan | None) -> list[_SourceFacts]:
