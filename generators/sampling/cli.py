@@ -155,8 +155,8 @@ def sample_command(
     """Sample plausible observations in procedural homes, for training; print what they are.
 
     Same options, same file, to the byte. Homes have seeds that no excluded manifest uses. part_3 comes in groups of
-    six siblings: the same pictures with one object sounding, another one, silence, a source in another room, several
-    sources at once.
+    six siblings (eight with --groups listen): the same pictures with one object sounding, another one, silence, a
+    source in another room, several sources at once.
     """
     from rich.console import Console
 
