@@ -134,7 +134,8 @@ def _prediction(frame: Frame, score: Score) -> Prediction:
     observation, record, entry = frame.observation, frame.observation.record, frame.record
     assert record is not None, "checked by write_references"
     assert entry is not None, "it comes with the record"
-    heard = Counter(source.category for source in record.audible_sources(entry))
+    # What has no class id is never marked: a distractor is silent, even while one is heard from another room.
+    heard = Counter(one.category for one in record.audible_sources(entry) if one.category in record.class_ids)
     chosen: list[InstanceRecord] = []
     for category, count in sorted(heard.items()):
         candidates = sorted((one for one in record.instances if one.category == category), key=lambda one: one.id)

@@ -318,8 +318,9 @@ def shares_table(report: Mapping[str, Any]) -> list[list[str]]:
     rows = []
     for name, sets in report.items():
         for which, changes in sets.items():
-            shares = [f"{v['seconds']:.2f} ({v['takes']:.2f})" for v in changes.values()]
-            rows.append([name, which, *shares, *[""] * (len(CHANGES) - len(shares))])
+            # By name: a file of results has its keys sorted.
+            found = [changes.get(change) for change in CHANGES]
+            rows.append([name, which, *(f"{v['seconds']:.2f} ({v['takes']:.2f})" if v else "" for v in found)])
     return rows
 
 

@@ -21,6 +21,7 @@ from avs3d_bench.commands.report import printable
 from avs3d_bench.contract import layout
 from avs3d_bench.contract.schema import ProvenanceRecord
 from avs3d_bench.contract.scores import (
+    PAIR_KINDS,
     PROTOCOL_PARTS,
     Scores,
     UnconfirmedValue,
@@ -183,7 +184,9 @@ def compare_scores(recorded: Scores, again: Scores) -> Verification:
     if again.dataset.sha256 is None:
         skipped.append("dataset.name")  # Likewise.
     older = recorded.avs3d_eval.bootstrap_unit is None
-    mine, theirs = (_document(one, intervals=not older) for one in (recorded, again))
+    mine, theirs = (_document(one, intervals=not older, kinds=not _lacks_kinds(recorded)) for one in (recorded, again))
+    if _lacks_kinds(recorded):
+        skipped.append("avs3d_eval.protocols.listen")
     lines = list(compare_values(mine, theirs, skipped))
     differences = sorted((line for line in lines if line is not None), key=_rank)
     data = again.dataset
@@ -191,16 +194,27 @@ def compare_scores(recorded: Scores, again: Scores) -> Verification:
     return Verification(recorded, tuple(differences), tuple(_notes(recorded, again)), len(lines), dataset)
 
 
-def _document(scores: Scores, *, intervals: bool) -> object:
-    """A record of scores as JSON has it, with its intervals or without them."""
+def _lacks_kinds(scores: Scores) -> bool:
+    """Whether a file is of ``listen`` 1.0: its figures are those of 1.1 without the kinds of pairs."""
+    return scores.avs3d_eval.protocols.get("listen") == "1.0"
 
-    def without(value: object) -> object:
-        if isinstance(value, Mapping):
-            return {name: without(inner) for name, inner in value.items() if name != "intervals"}
-        return [without(inner) for inner in value] if isinstance(value, list) else value
+
+def _document(scores: Scores, *, intervals: bool, kinds: bool) -> object:
+    """A record of scores as JSON has it, with its intervals and kinds of pairs or without them."""
+
+    def without(value: object, of_listen: bool = False) -> object:
+        if isinstance(value, list):
+            return [without(inner, of_listen) for inner in value]
+        if not isinstance(value, Mapping):
+            return value
+        here = of_listen or "pair_accuracy" in value
+        dropped = {*(() if intervals else ("intervals",))}
+        if not kinds:
+            dropped |= {*PAIR_KINDS} if here else {"kind"}  # only a pair has a kind
+        return {name: without(inner, here) for name, inner in value.items() if name not in dropped}
 
     document: object = json.loads(dump_json(scores))
-    return document if intervals else without(document)
+    return document if intervals and kinds else without(document)
 
 
 def _without_unknown(recorded: Scores, dataset: Dataset) -> tuple[Scores, tuple[Difference, ...]]:
@@ -306,6 +320,8 @@ def _notes(recorded: Scores, again: Scores) -> Iterator[str]:
         yield "the file has no digests of submission and truth: an older version wrote it; its figures are compared"
     if recorded.avs3d_eval.bootstrap_unit is None:
         yield "the intervals of the file, of an older version, do not resample homes: they are not compared"
+    if _lacks_kinds(recorded):
+        yield "the file is of listen 1.0, which has no kinds of pairs: all other figures are compared"
     if recorded.dataset.scored < recorded.dataset.observations:
         yield f"{recorded.dataset.scored:,} of the {recorded.dataset.observations:,} observations were scored"
     then, now = recorded.avs3d_eval, again.avs3d_eval

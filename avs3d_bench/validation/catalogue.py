@@ -9,7 +9,7 @@ import yaml
 
 from avs3d_bench.commands.report import Problem
 from avs3d_bench.contract import layout
-from avs3d_bench.contract.schema import DatasetRecord, LicenceRecord, ObservationRecord
+from avs3d_bench.contract.schema import DatasetEntry, DatasetRecord, LicenceRecord, ObservationRecord
 
 #: Characters of a manifest that is read here; a larger one is not compared.
 MOST_MANIFEST = 1_000_000
@@ -107,6 +107,7 @@ def check_catalogue(record: DatasetRecord, records: Mapping[str, ObservationReco
         *_backends(record, records),
         *_categories_of(record, records),
         *_licences(record, records),
+        *_sounds(record, records),
     ):
         yield Problem("error", layout.DATASET_JSON, text)
     for key, found in sorted(records.items()):
@@ -207,6 +208,18 @@ def _licences(record: DatasetRecord, records: Mapping[str, ObservationRecord]) -
         if any(asset.startswith("scan:") for asset in listed):
             for asset in sorted(scans - set(listed)):
                 yield f"attributions lack {asset}"
+
+
+def _sounds(record: DatasetRecord, records: Mapping[str, ObservationRecord]) -> Iterator[str]:
+    """Datasets of older versions do not say what their sources play."""
+    for entry in record.observations:
+        found = records.get(entry.key)
+        if found is None or entry.sounds is None:
+            continue
+        played = DatasetEntry.of(found, entry.digest).sounds
+        if entry.sounds != played:
+            here, there = (", ".join(some or ("nothing",)) for some in (entry.sounds, played))
+            yield f"{entry.key} plays {here} here, {there} in its {layout.OBSERVATION_JSON}"
 
 
 def _variant(record: ObservationRecord, original: ObservationRecord) -> Iterator[str]:

@@ -52,7 +52,7 @@ def check_seams(clips: Sequence[BinauralClip | None], findings: Findings) -> Non
     middle = float(np.median([jumps.max() for jumps in found.values()]))
     if middle > SEAMS and len(found) >= LEAST_BORDERS:
         text = f"sound jumps between clips: {middle:.1f} times what its neighbours do, median of {len(found)} borders"
-        findings.add(layout.BINAURAL, f"{text}; clips made before version 3.0.0, or not in this order?", "warning")
+        findings.add(layout.BINAURAL, f"{text}; of a dataset before version 3.0.0, or not in this order?", "warning")
         return
     for index, jumps in found.items():
         if jumps.min() > JUMP:

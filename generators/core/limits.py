@@ -8,6 +8,8 @@ from avs3d_bench.errors import Avs3dError
 FRAMES = (1, 999)
 #: Least and greatest side of a picture (pixels).
 SIZE = (16, 8192)
+#: Least and greatest level of a source re the common loudness (dB).
+SOURCE_LEVEL = (-40.0, 20.0)
 #: Greatest index of an observation among those of its part, scan and room: a grid of variants needs thousands.
 MOST_INDEX = 9_999
 #: Least and greatest number of worker processes.

@@ -94,6 +94,8 @@ def folder(
     found = candidates(path, kind)  # type: ignore[arg-type]  # click has checked the kind
     every = Told(credit[0] or "", spdx(credit[1]), credit[2], options["url"])
     told = {file: every for _, file in found} if index is None else read_index(index, path)
+    for category in sorted({one.category for one in told.values()} if index is not None else ()):
+        CATEGORY.convert(category, None, None)  # as --category
     found = tuple(item for item in found if item[1] in told)
     unknown = sorted({file.name for file in told} - {file.name for _, file in found})
     if unknown and kind is None:

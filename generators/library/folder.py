@@ -133,7 +133,7 @@ def read_index(index: Path, folder: Path) -> dict[Path, Told]:
     """
     told: dict[Path, Told] = {}
     try:
-        with index.open(newline="", encoding="utf-8") as stream:
+        with index.open(newline="", encoding="utf-8-sig") as stream:  # tables of Excel begin with a mark
             table = csv.DictReader(stream)
             missing = [name for name in NEEDED if name not in (table.fieldnames or ())]
             if missing:

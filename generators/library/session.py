@@ -183,7 +183,8 @@ def check_sound(entry: AssetEntry, session: Session) -> None:
     """Refuse a sound that generation could not use, and note what is heard of a poor one.
 
     Raises:
-        Avs3dError: naming the asset: not decodable, too short, silent, with samples that are no numbers.
+        Avs3dError: naming the asset: not decodable, too short, also for its trim, silent, with samples that are no
+            numbers.
     """
     from generators.assets.sounds import survey
 
@@ -196,6 +197,10 @@ def check_sound(entry: AssetEntry, session: Session) -> None:
     if found.seconds < SHORTEST:
         raise Avs3dError(
             f"{what}: lasts {found.seconds:.2f} s; expected at least {SHORTEST} s; choose another recording"
+        )
+    if entry.trim is not None and round((entry.trim[1] - found.seconds) * found.sample_rate) > 0:
+        raise Avs3dError(
+            f"{what}: lasts {found.seconds:.2f} s, but its trim ends at {entry.trim[1]:g} s; correct the trim"
         )
     if not math.isfinite(found.peak):
         raise Avs3dError(f"{what}: has samples that are NaN or infinite; repair it, or choose another recording")

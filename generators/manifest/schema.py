@@ -26,7 +26,7 @@ from avs3d_bench.contract.layout import observation_key
 from avs3d_bench.contract.schema import Category, Part, Room
 from avs3d_bench.contract.taxonomy import MOST_OWN_CATEGORIES, PART_3, check_room
 from avs3d_bench.errors import UsageError, excerpt
-from generators.core.limits import FRAMES, MOST_INDEX, SIZE
+from generators.core.limits import FRAMES, MOST_INDEX, SIZE, SOURCE_LEVEL
 from generators.manifest.categories import CategoryName, CategorySpec, Number, check_name, declared, missing_files
 from generators.manifest.messages import Fault, FieldError, listed
 from generators.manifest.variants import resolve_variants
@@ -114,7 +114,7 @@ def _ascending(value: tuple[float, float]) -> tuple[float, float]:
 
 
 #: Level re the common loudness of all sources (dB).
-Level = Annotated[Number, Field(ge=-40.0, le=20.0)]
+Level = Annotated[Number, Field(ge=SOURCE_LEVEL[0], le=SOURCE_LEVEL[1])]
 Coordinate = Annotated[Number, Field(ge=-FARTHEST, le=FARTHEST)]
 Slug = Annotated[str, AfterValidator(check_slug)]
 Line = Annotated[str, Field(max_length=1000), AfterValidator(_one_line)]

@@ -13,7 +13,7 @@ from avs3d_bench.commands.click_options import PATH, WORKERS, Group
 from avs3d_bench.commands.outputs import OutputFile
 from avs3d_bench.contract.taxonomy import PARTS
 from avs3d_bench.errors import UsageError, did_you_mean, excerpt
-from generators.core.limits import FRAMES, SIZE
+from generators.core.limits import FRAMES, SIZE, SOURCE_LEVEL
 from generators.sampling.document import SAMPLED
 from generators.sampling.name_option import name_option
 
@@ -44,6 +44,16 @@ def _version(_: click.Context, __: click.Parameter, value: str) -> str:
     """Check a version such as ``3.0.0``."""
     if not re.fullmatch(r"\d{1,6}\.\d{1,6}\.\d{1,6}", value):
         raise UsageError(f"--version {excerpt(value)} is no version; expected three numbers, such as 3.0.0")
+    return value
+
+
+def _levels(_: click.Context, __: click.Parameter, value: tuple[float, float] | None) -> tuple[float, float] | None:
+    """Check a range of levels as a manifest does."""
+    least, most = SOURCE_LEVEL
+    if value is not None and not least <= value[0] <= value[1] <= most:
+        raise UsageError(
+            f"--levels {value[0]:g} {value[1]:g}: expected the lower level first, both from {least:g} to {most:g} dB"
+        )
     return value
 
 
@@ -129,6 +139,7 @@ def manifest() -> None:
 )
 @click.option(
     "--levels",
+    callback=_levels,
     type=(float, float),
     default=None,
     metavar="LOW HIGH",
@@ -144,8 +155,8 @@ def sample_command(
     """Sample plausible observations in procedural homes, for training; print what they are.
 
     Same options, same file, to the byte. Homes have seeds that no excluded manifest uses. part_3 comes in groups of
-    six siblings: the same pictures with one object sounding, another one, silence, a source in another room, several
-    sources at once.
+    six siblings (eight with --groups listen): the same pictures with one object sounding, another one, silence, a
+    source in another room, several sources at once.
     """
     from rich.console import Console
 

@@ -235,10 +235,13 @@ def _against_manifest(record: ObservationRecord, spec: ObservationSpec, opened: 
         ("frames", len(record.frames), manifest.camera.frames),
         ("objects", _counts(i.category for i in record.instances), spec.objects),
     ]
+    plan = opened.plans.get(record.key)
     if spec.sources is None:
         found += [("category", record.category, spec.category), ("original", record.variant_of, spec.like)]
+        if manifest.levels is None or plan is not None:
+            level = drawn_level(plan, str(spec.category)) if plan else 0.0
+            found.append(("level", (record.sound and record.sound.gain_db) or 0.0, level))
     else:
-        plan = opened.plans.get(record.key)
         sources: list[_SourceFacts] = [(s.category, s.room, s.gain_db) for s in record.sources or ()]
         wanted = _wanted_sources(spec, plan)
         if manifest.levels is not None and plan is None:  # what other software draws is not known
@@ -254,7 +257,6 @@ def _against_manifest(record: ObservationRecord, spec: ObservationSpec, opened: 
     digest = opened.digests.get(record.key)
     if digest is not None and record.plan_sha256 != digest:
         yield "plan_sha256 is not that of the manifest and the options of the seal"
-    plan = opened.plans.get(record.key)
     if plan is not None and not wrong:
         drawn, sounding = _drawn(plan, record), _sounding(record)
         if drawn != sounding:

@@ -73,7 +73,7 @@ def test_clips_that_were_never_joined_are_one_warning() -> None:
     clips = [clips_of(sound("noise", 1, seed))[0] for seed in range(6)]
     ((severity, path, message),) = said(clips)
     assert (severity, path) == ("warning", layout.BINAURAL)
-    assert "median of 5 borders; clips made before version 3.0.0" in message
+    assert "median of 5 borders; of a dataset before version 3.0.0" in message
 
 
 def test_joining_removes_the_jump() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import math
 import shutil
 from pathlib import Path
@@ -13,7 +14,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from avs3d_bench.contract import layout
-from avs3d_bench.contract.schema import AudibleRecord, FrameRecord, ObservationRecord
+from avs3d_bench.contract.schema import AudibleRecord, DatasetRecord, FrameRecord, ObservationRecord
 from avs3d_bench.dataset import Observation
 from avs3d_bench.formats import media
 from avs3d_bench.validate import check_observation, validate
@@ -332,3 +333,32 @@ def test_groups_and_categories_are_those_of_the_manifest(tmp_path: Path):
     assert manifest(alone) == [
         f"dataset.json: {SECOND} is in the group {FIRST}, in the manifest in it in that of {SECOND}"
     ]
+
+
+def test_what_sources_play_is_that_of_the_observations(tmp_path: Path):
+    root = tiny_scenes.write_part_3(tmp_path / "data", frames=2, keys=(FIRST, SECOND))
+
+    def playing(sounds: list[str] | None) -> list[str]:
+        data = media.read_json(root / "dataset.json")
+        data["observations"][1].pop("sounds", None)
+        data["observations"][1] |= {} if sounds is None else {"sounds": sounds}
+        tiny.write_sealed(root, data)
+        return [f"{p.path}: {p.message}" for p in validate(root).problems]
+
+    assert playing(None) == [], "older versions do not say it"
+    assert playing(["noise"]) == []
+    assert playing([]) == [f"dataset.json: {SECOND} plays nothing here, noise in its observation.json"]
+
+
+def test_a_sealed_test_does_not_say_what_its_sources_play(tmp_path: Path):
+    root = tiny_scenes.write_part_3(tmp_path / "data", frames=2, keys=(FIRST, SECOND))
+    data = media.read_json(root / "dataset.json")
+    data |= {"sealed_test": True, "manifest": "", "manifest_sha256": hashlib.sha256(b"").hexdigest()}
+    data.pop("digest")
+    for entry in data["observations"]:
+        entry["category"] = None
+    with pytest.raises(ValueError, match=f"{FIRST}: names its sounds, but the test is sealed"):
+        DatasetRecord.model_validate_json(json.dumps(data))
+    for entry in data["observations"]:
+        del entry["sounds"]
+    DatasetRecord.model_validate_json(json.dumps(data))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -142,6 +143,19 @@ def test_silence_is_black_and_nothing_is_marked_that_is_not_heard(data: Path, na
     assert marked(name, dataset[SILENT].test) == [set()] * 3
     telephone = marked(name, dataset[AWAY].frames)
     assert telephone == [{2} & in_view(frame) for frame in dataset[AWAY].frames], "that of the next room is heard, too"
+
+
+@pytest.mark.parametrize("name", REFERENCES)
+def test_a_distractor_is_not_marked_while_one_sounds_in_another_room(data: Path, tmp_path: Path, name: str):
+    """The telephones of AWAY become kettles: one is heard from the next room, one stands silent in this one."""
+
+    def change(document: dict[str, Any]) -> None:
+        for one in (document, *document["sources"], *document["instances"]):
+            one["category"] = "kettle" if one["category"] == "telephone" else one["category"]
+
+    root = tiny.clone(data, tmp_path / "data")
+    tiny.edit_record(root, AWAY, change)
+    assert marked(name, Dataset(root)[AWAY].frames) == [set()] * 17
 
 
 @pytest.mark.parametrize("name", ["level", "ild", "gcc-phat"])

@@ -22,6 +22,7 @@ from evaluators.reporting.score_file import read_scores
 from evaluators.reporting.terminal_table import print_scores
 from evaluators.score import evaluate
 from evaluators.summary import summarise
+from evaluators.verify import verify
 from tests.evaluators.test_score import submit, true_mask
 from tests.support.shared import SharedDataset
 from tests.support.tiny_scenes import AWAY, BOTH, FIRST, GROUP, SECOND, SILENT
@@ -210,6 +211,19 @@ def test_a_file_of_1_0_is_read_and_shows_dashes(data: Path, tmp_path: Path, caps
     (section,) = leaderboard_values(read_entries([path]))["sections"]
     (table,) = next(view.tables for view in section.views if view.part == "part_3")
     assert table.ranking.name == "pair_accuracy"
+
+
+def test_a_file_of_1_0_is_verified_without_its_kinds(data: Path, tmp_path: Path):
+    submit(tmp_path / "s", data, true_mask)
+    document = as_1_0(evaluate(tmp_path / "s", data).scores)
+    media.write_json(tmp_path / "old.json", document)
+    found = verify(tmp_path / "old.json", tmp_path / "s", data)
+    assert found.same, found.differences
+    assert any("listen 1.0, which has no kinds of pairs" in note for note in found.notes)
+    document["overall"]["listen"]["IoU"] = 0.5  # type: ignore[index]
+    media.write_json(tmp_path / "old.json", document)
+    found = verify(tmp_path / "old.json", tmp_path / "s", data)
+    assert [one.where for one in found.differences] == ["overall.listen.IoU"]
 
 
 def test_a_file_whose_kinds_do_not_follow_from_its_pairs_is_refused(data: Path, tmp_path: Path):

@@ -148,6 +148,8 @@ def test_an_index_says_what_each_file_is(folder: Path, tmp_path: Path) -> None:
         (("a/tick", "a/tock"), "line 2: no file 'a/tock.wav'"),
         ((",test,", ",eval,"), "line 2: split 'eval'; expected train, validation, test"),
         (("0.5,1.75", "0.5,late"), "line 2: begin '0.5', end 'late'; expected seconds"),
+        (("0.5,1.75", "0.5,9"), "folder/mine/a/tick: lasts 2.00 s, but its trim ends at 9 s; correct the trim"),
+        ((",clock,", ",A Clock,"), "category 'A Clock': expected lower-case letters"),
         (("0.5,1.75", "0.5,0.6"), "trim is [0.5, 0.6]; expected [begin, end], 0.5 s or more"),
     ],
 )
@@ -157,6 +159,15 @@ def test_an_index_with_a_fault_is_one_line(folder: Path, tmp_path: Path, change:
     done = run("import", "folder", folder, "--index", index, "--lock", tmp_path / "assets.lock.yaml")
     assert done.exit_code != 0
     assert words in done.output + str(done.exception)
+
+
+def test_an_index_of_a_spreadsheet_and_a_slip_in_a_category(folder: Path, tmp_path: Path) -> None:
+    index, lock = tmp_path / "index.csv", tmp_path / "assets.lock.yaml"
+    index.write_text(INDEX.replace(",clock,", ",clok,"), encoding="utf-8-sig")
+    done = run("import", "folder", folder, "--index", index, "--lock", lock)
+    assert done.exit_code == 0, done.output
+    assert "note: clok is no category of the benchmark" in done.output
+    assert "did you mean 'clock'?" in done.output
 
 
 # ---- trim and split -------------------------------------------------------------------------------------------------

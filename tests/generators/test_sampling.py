@@ -91,6 +91,15 @@ def test_a_name_that_no_manifest_may_have_is_refused_before_anything_is_written(
         assert not (tmp_path / "out.yaml").exists()
 
 
+@pytest.mark.parametrize("levels", [(5, -5), (0, 50), (-41, 0), ("nan", 0)])
+def test_levels_that_no_manifest_may_have_are_one_line(tmp_path: Path, levels: tuple[object, object]) -> None:
+    result = run(tmp_path, "--levels", *levels)
+    assert isinstance(result.exception, UsageError)
+    text = message(result)
+    assert text == f"--levels {levels[0]} {levels[1]}: expected the lower level first, both from -40 to 20 dB"
+    assert not (tmp_path / "out.yaml").exists()
+
+
 @pytest.mark.parametrize("digits", [20, 400, 5000])
 def test_a_seed_beyond_64_bits_is_a_usage_error(tmp_path: Path, digits: int) -> None:
     result = run(tmp_path, seed="9" * digits)  # type: ignore[arg-type]  # the words of a command

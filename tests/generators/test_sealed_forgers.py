@@ -278,6 +278,7 @@ def test_other_test_frames(tmp_path: Path) -> None:
 #: What a record says otherwise than the manifest → the text.
 RECORDS: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     "seed": (lambda data: data.update(seed=7), "seed 7, expected"),
+    "level": (lambda data: data["sound"].update(gain_db=-3.0), "level -3.0, expected 0.0"),
     "objects": (lambda data: data["instances"][1].update(category="clock"), "objects {"),
     "plan": (lambda data: data.update(plan_sha256="0" * 64), "plan_sha256 is not that of the manifest"),
     "poses": (lambda data: data["frames"][2].update(position=[0.0, 1.5, 0.0]), "has other poses, intrinsics"),

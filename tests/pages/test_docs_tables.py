@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from avs3d_bench.errors import Avs3dError
-from benchmarks import docs_tables
+from benchmarks import docs_tables, separability
 
 ROOT = Path(__file__).parents[2]
 
@@ -32,14 +32,16 @@ def test_a_changed_figure_is_found_and_written(copy: Path) -> None:
     assert docs_tables.outdated(copy) == {}
     recorded, page = copy / "docs/results/listen-chance.json", copy / "docs/protocol-listen.md"
     document = json.loads(recorded.read_text())
+    row = "| nothing | one instance at random | {} | {} |"
+    was, rest = (docs_tables.share(document["guesses"]["instance"][name]) for name in ("twins", "pair_accuracy"))
     document["guesses"]["instance"]["twins"] = 0.9876
     recorded.write_text(json.dumps(document))
     (copy / "docs/results/table3.md").unlink()
     found = docs_tables.outdated(copy)
     assert found.keys() == {page, copy / "docs/results/table3.md"}
     before, after = page.read_text(), found[page]
-    assert "| nothing | one instance at random | .988 | .095 |" in after
-    assert after == before.replace("| nothing | one instance at random | .095 | .095 |", "| nothing | one instance at random | .988 | .095 |")  # fmt: skip # noqa: E501
+    assert row.format(".988", rest) in after
+    assert after == before.replace(row.format(was, rest), row.format(".988", rest))
 
 
 def test_a_typed_figure_is_found(copy: Path) -> None:
@@ -54,3 +56,15 @@ def test_a_page_without_its_place_is_one_line(copy: Path) -> None:
     (copy / "docs/comparing.md").write_text("nothing")
     with pytest.raises(Avs3dError, match=r"comparing\.md: expected the lines <!-- power --> and <!-- end of power -->"):
         docs_tables.outdated(copy)
+
+
+def test_shares_of_recognisers_stand_below_their_own_filter() -> None:
+    """A file of results has its keys sorted: 16 kHz, 4 kHz, 8 kHz, whole."""
+    changes = {"whole": 0.9, "below 16 kHz": 0.8, "below 8 kHz": 0.7, "below 4 kHz": 0.6}
+    report = {
+        "network": {"test": {name: {"seconds": changes[name], "takes": 1.0} for name in sorted(changes)}},
+        "top": {"test": {"whole": {"seconds": 0.2, "takes": 0.1}}},
+    }
+    head, shares = list(separability.CHANGES), separability.shares_table(report)
+    assert dict(zip(head, shares[0][2:], strict=True)) == {name: f"{one:.2f} (1.00)" for name, one in changes.items()}
+    assert dict(zip(head, shares[1][2:], strict=True)) == {"whole": "0.20 (0.10)"} | dict.fromkeys(head[1:], "")

@@ -78,7 +78,7 @@ class DatasetRecord(Record):
     sealed_test: Literal[True] | None = Field(
         default=None,
         description="true: a sealed test, whose truth is not published (see seal.json): manifest is empty, and no "
-        "observation has a category; absent otherwise",
+        "observation has a category or sounds; absent otherwise",
     )
     manifest: str = Field(description="the text of the manifest, unchanged; empty in a sealed test")
     manifest_sha256: Sha256 = Field(description="sha256 of the manifest's UTF-8 bytes")
@@ -124,6 +124,8 @@ class DatasetRecord(Record):
                 raise ValueError(f"key {entry.key!r} does not fit its part, scan and room: expected {head}<index>")
             if self.sealed_test and entry.category is not None:
                 raise ValueError(f"{entry.key}: has a category, but the test is sealed: expected null")
+            if self.sealed_test and entry.sounds is not None:
+                raise ValueError(f"{entry.key}: names its sounds, but the test is sealed: leave them out")
             if entry.category is None and entry.part != PART_3 and not self.sealed_test:
                 raise ValueError(f"{entry.key}: category is missing; only an observation of part_3 may have none")
         newer = bool(self.categories) or any(entry.part == PART_3 for entry in self.observations)
