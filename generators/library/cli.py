@@ -100,7 +100,6 @@ def fetch(
     source: str | None,
     refs: tuple[str, ...],
     category: str | None,
-    form: str | None,
     manifest: Path | None,
     ids: tuple[str, ...],
     folder: Path | None,
@@ -125,7 +124,7 @@ def fetch(
     from generators.library.session import Stance
     from generators.library.sources import fetch_new
 
-    stance = stance_of(options)
+    form, stance = options["form"], stance_of(options)
     session = make_session(allowed, options)
     path = lock or (manifest.parent / LOCK_NAME if manifest is not None else lock_path(None))
     credit = {name: options[name] for name in ("licence", "author", "url")}

@@ -298,7 +298,7 @@ def test_an_observation_that_fails_on_several_cores_leaves_nothing(
         GenerateOptions(only=["part_2/*"], frames=10, size=64, audio="analytic"),
     )[0]
 
-    def fail(*_: object) -> None:
+    def fail(*_: object, **__: object) -> None:
         raise Avs3dError("the clip is wrong")
 
     def interrupt(index: int) -> None:
