@@ -119,6 +119,12 @@ class Results:
         rows = sound_rows.controls_table(self.json("listener-sounds")["controls"])
         return text(["`--sound`", "part_1", "part_2", "listen, twins", "listen, all pairs"], rows)
 
+    def echosegnet_sounds(self) -> str:
+        """EchoSegnet with another sound in place of its own, part_2."""
+        rows = self.json("echosegnet-sounds")
+        found = [[name, sound_rows.with_interval(row["part_2"]["strict_IoU"])] for name, row in rows.items()]
+        return text(["`--sound`", "strict IoU, part_2"], found)
+
     def paper_methods(self) -> str:
         """Table 2 of the paper, beside our figures."""
         commands = {
@@ -352,7 +358,7 @@ def blocks(docs: Path) -> dict[str, list[tuple[str, Callable[[], str]]]]:
         "docs/results-choice.md": [
             ("unseen twins", lambda: own.twins("cue-weights-unseen")), ("calibration", own.calibration),
             ("open twins", lambda: own.twins("cue-weights-open")), ("engines", own.engines), ("choice", own.choice),
-            ("posteriors", own.posteriors), ("pipeline", own.pipeline),
+            ("posteriors", own.posteriors), ("pipeline", own.pipeline), ("other sounds", own.echosegnet_sounds),
             ("noise", lambda: own.sweep("robustness-noise", "background.snr_db",
                                         lambda value: value if value == "none" else f"{value} dB".replace("-", "−"))),
             ("reverberation", lambda: own.sweep("robustness-reverberation", "acoustics.absorption_scale", str)),

@@ -41,7 +41,7 @@ def _figures(group: GroupScores) -> dict[str, Any]:
 def sounds_table(rows: Mapping[str, Any]) -> list[list[str]]:
     """Rows of strict IoU with what the sources play: part_1, part_2 with intervals."""
     return [
-        [title, *(_with_interval(rows[title][part]["strict_IoU"]) for part in ("part_1", "part_2"))] for title in rows
+        [title, *(with_interval(rows[title][part]["strict_IoU"]) for part in ("part_1", "part_2"))] for title in rows
     ]
 
 
@@ -61,7 +61,8 @@ def _value(figure: Mapping[str, Any]) -> str:
     return f"{figure['value']:.3f}".removeprefix("0")
 
 
-def _with_interval(figure: Mapping[str, Any]) -> str:
+def with_interval(figure: Mapping[str, Any]) -> str:
+    """A figure as ``.123 (.10–.15)``."""
     low, high = (f"{bound:.2f}".removeprefix("0") for bound in figure["interval"])
     return f"{_value(figure)} ({low}–{high})"
 
