@@ -10,7 +10,7 @@ import os
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 from avs3d_bench.contract import layout
 from avs3d_bench.errors import Avs3dError, UsageError
@@ -18,6 +18,7 @@ from avs3d_bench.formats import files
 from avs3d_bench.runtime.imports import import_by_name
 from avs3d_bench.runtime.user_path import user_path
 from generators.acoustics.heads import FAMILIES, draw_head
+from generators.core.limits import HeadName
 
 if TYPE_CHECKING:
     import numpy as np
@@ -38,7 +39,7 @@ PARTS = {
 }
 #: Words of ``hrtf`` that are no file: the engine's own head, heads of the family, a measured mannequin.
 SPHERE, KEMAR = "sphere", "kemar"
-WORDS = (SPHERE, *FAMILIES, KEMAR)
+WORDS = get_args(HeadName)
 #: Where packages put the responses of KEMAR (those of Debian and Ubuntu).
 _KEMAR_FILES = ("/usr/share/libmysofa/MIT_KEMAR_normal_pinna.sofa", "/usr/share/libmysofa/default.sofa")
 

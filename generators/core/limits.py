@@ -1,8 +1,15 @@
-"""Allowed ranges: of a run's options, for the manifest, the command line and Python; and of the fields of settings."""
+"""Allowed ranges and words: of a run's options, for the manifest, the command line and Python; and of settings."""
 
 from __future__ import annotations
 
+from typing import Literal
+
 from avs3d_bench.errors import Avs3dError
+
+#: Heads that have a name; any other is a SOFA file.
+HeadName = Literal["sphere", "family", "family-test", "kemar"]
+#: What a voice or a recording is for; none is for two.
+SoundSplit = Literal["train", "validation", "test"]
 
 #: Least and greatest number of frames of an observation; file names of frames have three digits.
 FRAMES = (1, 999)

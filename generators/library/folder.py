@@ -19,9 +19,10 @@ from urllib.parse import unquote
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import files
+from generators.core.limits import SoundSplit
 from generators.library.archive import bundle
 from generators.library.licences import spdx
-from generators.library.lock import AssetEntry, Kind, Split, slug
+from generators.library.lock import AssetEntry, Kind, slug
 from generators.library.session import Offer, Session, Stance, keep
 from generators.library.store import MESH_SUFFIXES, SOUND_SUFFIXES
 
@@ -114,7 +115,7 @@ class Told:
     url: str = ""
     title: str = ""
     trim: tuple[float, float] | None = None
-    split: Split | None = None
+    split: SoundSplit | None = None
 
 
 #: Columns of an index of a folder.
@@ -157,15 +158,15 @@ def _told(row: Mapping[str, str | None], path: Path, where: str) -> Told:
         raise Avs3dError(f"{where}: column {empty!r} is empty; every file needs {', '.join(NEEDED)}")
     if not path.is_file():
         raise Avs3dError(f"{where}: no file {said['file']!r} in {path.parent}")
-    if said["split"] not in ("", *get_args(Split)):
-        raise Avs3dError(f"{where}: split {said['split']!r}; expected {', '.join(get_args(Split))}, or nothing")
+    if said["split"] not in ("", *get_args(SoundSplit)):
+        raise Avs3dError(f"{where}: split {said['split']!r}; expected {', '.join(get_args(SoundSplit))}, or nothing")
     trim = None
     if said["begin"] or said["end"]:
         try:
             trim = float(said["begin"] or 0), float(said["end"])
         except ValueError:
             raise Avs3dError(f"{where}: begin {said['begin']!r}, end {said['end']!r}; expected seconds") from None
-    split = cast("Split | None", said["split"] or None)
+    split = cast("SoundSplit | None", said["split"] or None)
     credit = spdx(said["licence"]), said["author"], said["url"], said["title"]
     return Told(said["category"], *credit, trim=trim, split=split)
 

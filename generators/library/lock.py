@@ -24,6 +24,7 @@ from avs3d_bench.errors import Avs3dError, excerpt
 from avs3d_bench.formats import files
 from avs3d_bench.formats.yamlfile import parse_yaml, read_data, step
 from avs3d_bench.runtime.file_lock import lock_now
+from generators.core.limits import SoundSplit
 
 LOCK_NAME = "assets.lock.yaml"
 #: Longest wait for another process that writes the lock file (s).
@@ -40,7 +41,6 @@ _STEP = r"[A-Za-z0-9][A-Za-z0-9._+-]*"
 Kind = Literal["object", "sound"]
 Source = Literal["sketchfab", "freesound", "bbc", "esc50", "sh3d", "github", "folder"]
 #: Who may hear a recording; see `generators.assets.sounds.Voice.split`.
-Split = Literal["train", "validation", "test"]
 Line = Annotated[str, Field(min_length=1, max_length=1000, pattern=r"^[^\x00-\x1f\x7f]*$")]
 Axis = Annotated[str, Field(pattern=r"^[+-]?[xyz]$")]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -89,7 +89,7 @@ class AssetEntry(BaseModel):
     mount: Literal["floor", "surface", "wall", "wall_or_surface"] | None = None
     yaw: Annotated[Finite, Field(ge=-360, le=360)] | None = None
     trim: tuple[Moment, Moment] | None = None
-    split: Split | None = None
+    split: SoundSplit | None = None
 
     @field_validator("category")
     @classmethod

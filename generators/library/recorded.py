@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from avs3d_bench.contract.layout import SAMPLE_RATE
 from avs3d_bench.contract.taxonomy import check_category_name
 from generators.assets.sounds import Voice, load_sound
-from generators.library.lock import Split, read_lock
+from generators.core.limits import SoundSplit
+from generators.library.lock import read_lock
 from generators.library.store import Store, open_asset
 
 
@@ -32,7 +33,7 @@ def recorded_voices(lock: Path, category: str, store: Store | None = None) -> tu
     """
     check_category_name(category)
 
-    def voice(asset: str, split: Split, credit: str) -> Voice:
+    def voice(asset: str, split: SoundSplit, credit: str) -> Voice:
         def play(count: int, rng: Generator) -> NDArray[np.float64]:
             path, entry = open_asset(lock, asset, store)
             seconds = max(count / SAMPLE_RATE, 1.0)

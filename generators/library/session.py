@@ -15,10 +15,11 @@ import soundfile
 from avs3d_bench.contract.taxonomy import check_category_name
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import files
+from generators.core.limits import SoundSplit
 from generators.library.download import Delivered
 from generators.library.http import FetchLimits, Say
 from generators.library.licences import check_licence
-from generators.library.lock import SHORTEST, AssetEntry, Kind, Source, Split
+from generators.library.lock import SHORTEST, AssetEntry, Kind, Source
 from generators.library.store import Store
 
 #: A recording whose peak is below this is silent (−80 dBFS). A note names a larger share of clipped samples, and a
@@ -75,7 +76,7 @@ class Offer:
     licence: str
     file: str
     trim: tuple[float, float] | None = None
-    split: Split | None = None
+    split: SoundSplit | None = None
 
     def entry(self, sha256: str, size: int, stance: Stance = Stance()) -> AssetEntry:  # frozen
         """The entry that pins the bytes.

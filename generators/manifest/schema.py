@@ -26,7 +26,7 @@ from avs3d_bench.contract.layout import observation_key
 from avs3d_bench.contract.schema import Category, Part, Room
 from avs3d_bench.contract.taxonomy import MOST_OWN_CATEGORIES, PART_3, check_room
 from avs3d_bench.errors import UsageError, excerpt
-from generators.core.limits import FRAMES, MOST_INDEX, SIZE, SOURCE_LEVEL
+from generators.core.limits import FRAMES, MOST_INDEX, SIZE, SOURCE_LEVEL, HeadName
 from generators.manifest.categories import CategoryName, CategorySpec, Number, check_name, declared, missing_files
 from generators.manifest.messages import Fault, FieldError, listed
 from generators.manifest.variants import resolve_variants
@@ -564,7 +564,7 @@ class Manifest(_Model):
     camera: CameraSpec = CameraSpec()
     light: Literal["preview", "standard", "high"] = "standard"
     audio: Slug | None = None
-    hrtf: Literal["sphere", "family", "family-test", "kemar"] | None = None
+    hrtf: HeadName | None = None
     scans: dict[Slug, ScanSpec]
     categories: dict[CategoryName, CategorySpec] = Field({}, max_length=MOST_OWN_CATEGORIES)
     models: dict[InstanceName, Variants] = {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import click
 
@@ -13,12 +13,12 @@ from avs3d_bench.commands.click_options import PATH, WORKERS, Group
 from avs3d_bench.commands.outputs import OutputFile
 from avs3d_bench.contract.taxonomy import PARTS
 from avs3d_bench.errors import UsageError, did_you_mean, excerpt
-from generators.core.limits import FRAMES, SIZE, SOURCE_LEVEL
+from generators.core.limits import FRAMES, SIZE, SOURCE_LEVEL, HeadName, SoundSplit
 from generators.sampling.document import SAMPLED
 from generators.sampling.name_option import name_option
 
-#: Compositions of groups, the usual one first; splits of the sounds (checked by tests/generators/test_sampling.py).
-GROUPS, SPLITS = ("training", "listen"), ("train", "validation", "test")
+#: Compositions of groups, the usual one first (checked by tests/generators/test_sampling.py); splits of the sounds.
+GROUPS, SPLITS = ("training", "listen"), get_args(SoundSplit)
 #: Least number of frames: the programmes of several sources must fit.
 LEAST_FRAMES = 8
 #: Largest numbers of homes and observations; a manifest of 100,000 observations has 13 MB.
@@ -132,7 +132,7 @@ def manifest() -> None:
 )
 @click.option(
     "--hrtf",
-    type=click.Choice(["sphere", "family", "family-test", "kemar"]),
+    type=click.Choice(get_args(HeadName)),
     default="sphere",
     show_default=True,
     help="Head of the tracer's ears; a family draws one for each group.",

@@ -10,7 +10,7 @@ from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.errors import UsageError
 from generators.assets.catalogue import training_variants, variants
 from generators.assets.sounds import usual_voices, voices
-from generators.assets.sounds.voice import Split
+from generators.core.limits import SoundSplit
 from generators.library.lock import LOCK_NAME
 from generators.manifest.reading import read_manifest
 from generators.manifest.schema import Manifest
@@ -53,7 +53,7 @@ class Excluded:
         known = {category: training_variants(category) for category in (*CATEGORIES, *LOOK_ALIKES.values())}
         return _left(known, self.variants, "--hold-out-models", "training variant")
 
-    def held_out_voices(self, split: Split = "train") -> dict[str, list[str]]:
+    def held_out_voices(self, split: SoundSplit = "train") -> dict[str, list[str]]:
         """``voices`` of a manifest that shares none with the excluded ones: voices of one split only.
 
         Raises:
@@ -63,7 +63,7 @@ class Excluded:
         return _left(known, self.voices, "--hold-out-sounds", f"{_WORDS[split]} voice")
 
 
-_WORDS: dict[Split, str] = {"train": "training", "validation": "validation", "test": "test"}
+_WORDS: dict[SoundSplit, str] = {"train": "training", "validation": "validation", "test": "test"}
 
 
 def _left(

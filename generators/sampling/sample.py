@@ -19,7 +19,7 @@ from numpy.random import Generator
 
 from avs3d_bench.contract.layout import observation_key
 from avs3d_bench.errors import Avs3dError, UsageError
-from generators.assets.sounds.voice import Split
+from generators.core.limits import SoundSplit
 from generators.manifest.schema import Manifest
 from generators.sampling.compositions import COMPOSITIONS
 from generators.sampling.excluded import Excluded
@@ -67,7 +67,7 @@ class Wanted:
     camera: dict[str, Any] = field(default_factory=lambda: {"size": 252, "frames": 24})
     extra: dict[str, Any] = field(default_factory=dict)
     hold_out_models: bool = False
-    sounds: Split | None = None
+    sounds: SoundSplit | None = None
     hold_out_sounds: bool = False
     version: str = "1.0.0"
 

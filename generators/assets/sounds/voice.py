@@ -10,8 +10,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-#: Who may hear a voice: networks in training, those who choose settings, or tests alone.
-Split = Literal["train", "validation", "test"]
+from generators.core.limits import SoundSplit
+
 Kind = Literal["synthesised", "recorded"]
 
 
@@ -31,7 +31,7 @@ class Voice:
 
     category: str
     name: str
-    split: Split
+    split: SoundSplit
     mechanism: str
     source: str
     play: Callable[[int, Generator], NDArray[np.float64]]
@@ -42,7 +42,7 @@ class Voice:
         cls,
         category: str,
         play: Callable[[int, Generator], NDArray[np.float64]],
-        split: Split,
+        split: SoundSplit,
         mechanism: str,
         source: str,
     ) -> Voice:
