@@ -228,18 +228,18 @@ def compare(
     """Render a lit scene with both renderers.
 
     Args:
-        mi: from `benchmarks.mitsuba_scene.load_mitsuba`.
+        mi: from `generators.vision.mitsuba_scene.load_mitsuba`.
         scene: with its light.
         room: the room that the poses lie in, None for any.
         poses: of the camera.
         size: of the pictures (pixels); the field of view is 90°.
         samples: paths per pixel of each half.
-        matte: see `benchmarks.mitsuba_scene.ReferenceScene`.
+        matte: see `generators.vision.mitsuba_scene.MitsubaScene`.
     """
-    from benchmarks.mitsuba_scene import ReferenceScene
+    from generators.vision.mitsuba_scene import MitsubaScene
 
     camera = Intrinsics.from_fov(size)
-    reference = ReferenceScene(mi, scene, None if room is None else scene.room(room), matte=matte)
+    reference = MitsubaScene(mi, scene, None if room is None else scene.room(room), look="matte" if matte else "lobe")
     views = []
     for number, pose in enumerate(poses):
         ours, label, plane = our_picture(scene, pose, camera)
@@ -359,11 +359,11 @@ def main(
     cache: Path | None,
 ) -> None:
     """Compare baked light with path tracing in OBSERVATIONS of the open benchmark."""
-    from benchmarks.mitsuba_scene import load_mitsuba
     from generators.core.folders import default_cache
+    from generators.vision.mitsuba_scene import load_mitsuba
 
     try:
-        mi = load_mitsuba(variant)
+        mi = load_mitsuba(*([variant] if variant else []))
         output.mkdir(parents=True, exist_ok=True)
         results: dict[str, dict[str, Agreement]] = {}
         rows = []

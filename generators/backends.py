@@ -21,6 +21,7 @@ VISION = {
     "embree": "generators.vision.embree:EmbreeBackend",
     "cuda": "generators.vision.cuda:CudaBackend",
     "habitat": "generators.vision.habitat:HabitatBackend",
+    "pathtraced": "generators.vision.pathtraced:PathtracedBackend",
 }
 ACOUSTIC = {
     "soundspaces": "generators.acoustics.soundspaces:SoundSpacesBackend",

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from avs3d_bench.contract.schema import Scalar
 
 #: Renderers, acoustic engines, devices, and optional folders of an observation.
-Vision = Literal["embree", "cuda", "habitat"]
+Vision = Literal["embree", "cuda", "habitat", "pathtraced"]
 Audio = Literal["soundspaces", "tracer", "analytic"]
 Device = Literal["cpu", "cuda"]
 Extra = Literal["depth", "rirs", "stems"]

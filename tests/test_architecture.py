@@ -145,7 +145,7 @@ HOUSE = {
         "core": "",
         "assets": "core",
         "lighting": "core",
-        "vision": "core assets",
+        "vision": "core assets lighting",
         "acoustics": "core",
         "options": "core acoustics",
         "backends": "core vision acoustics options",

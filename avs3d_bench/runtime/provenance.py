@@ -181,6 +181,7 @@ BACKENDS: Mapping[str, tuple[str, ...]] = {
     "generators.acoustics.tracer.backend": ("generators.acoustics.tracer",),
     "generators.vision.cuda": ("generators.vision.device_kernels",),
     "generators.vision.habitat": ("generators.vision.habitat_process", "generators.vision.habitat_worker"),
+    "generators.vision.pathtraced": ("generators.vision.mitsuba_scene",),
 }
 
 #: Libraries that only import names of ours on demand: no result depends on their version.

@@ -48,6 +48,9 @@ TILES: dict[str, float] = {
     "soil": 0.2,
 }
 
+#: Bare metal reflects at least this share of red, green or blue.
+_DARKEST_METAL = 0.2
+
 
 @dataclass(frozen=True)
 class RoomFinish:
@@ -206,9 +209,20 @@ def _boards(field: str, gloss: float = 0.15) -> Recipe:
 
 def _metal(field: str) -> Recipe:
     def make(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
-        return Material(role, "metal", _linear(str(palette.choose(field, getattr(style, field)))), gloss=0.6)
+        colour = _linear(str(palette.choose(field, getattr(style, field))))
+        # Dark handles and taps are lacquered.
+        return Material(role, "metal", colour, gloss=0.6, metal=colour if max(colour) > _DARKEST_METAL else None)
 
     return make
+
+
+def _bare_metal(colour: str, gloss: float, make: Callable[..., Image] | None = None) -> Recipe:
+    def recipe(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
+        texture = None if make is None else Texture(role, make(rng, hex_colour(colour)))
+        plain = _linear(colour)
+        return Material(role, "metal", (1.0, 1.0, 1.0) if texture else plain, texture, gloss=gloss, metal=plain)
+
+    return recipe
 
 
 def _upholstery(index: int) -> Recipe:
@@ -356,9 +370,9 @@ _RECIPES: dict[str, Recipe] = {
     "worktop": _worktop,
     "metal": _metal("metal"),
     "tap": _metal("tap"),
-    "chrome": _plain("metal", "#c3c6c9", 0.75),
+    "chrome": _bare_metal("#c3c6c9", 0.75),
     "black_metal": _plain("metal", "#3a3a3b", 0.35),
-    "steel": _tinted("metal", surfaces.brushed, "#b6b9bb", 0.5),
+    "steel": _bare_metal("#b6b9bb", 0.5, surfaces.brushed),
     "enamel": _plain("metal", "#e6e6e3", 0.4),
     "radiator": _plain("metal", "#e7e6e2", 0.3),
     "ceramic": _plain("ceramic", "#e9e8e4", 0.45),

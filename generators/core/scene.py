@@ -40,7 +40,10 @@ class Material:
         colour: linear-light albedo in [0, 1], multiplied with the texture.
         texture: optional; sampled at the mesh's uv.
         emission: radiance (3,) in the scene's light unit; lamps and window panes.
-        gloss: 0 = matte; towards 1 the bake gathers light from a narrower lobe about the normal (metal, enamel, glass).
+        gloss: 1 − the roughness of glTF's materials. 0 = matte; towards 1 the bake gathers light from a narrower lobe
+            about the normal (metal, enamel, glass).
+        metal: what bare metal reflects at normal incidence, linear RGB; None if it is painted, or no metal. Only
+            renderers that trace reflections use it, in place of colour and texture.
         shown: if set, the camera sees ``texture`` × ``shown`` here, independent of light and exposure. It is for the
             view behind a window pane, whose radiance is far beyond the range of a picture; interior photographers
             expose it separately.
@@ -53,6 +56,7 @@ class Material:
     emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
     gloss: float = 0.0
     shown: tuple[float, float, float] | None = None
+    metal: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)

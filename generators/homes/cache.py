@@ -31,7 +31,7 @@ from generators.core.rays import TRACERS
 from generators.core.scene import Licence, LightMap, Material, Mesh, Part, Room, Scene, Support, Texture
 
 #: Version of the file layout; increase it when the layout changes.
-FORMAT = 1
+FORMAT = 2
 INDEX = "index.json"
 #: Age (s) after which unfinished folders of dead processes are deleted.
 _STALE = 86400.0
@@ -265,6 +265,7 @@ def _pack_materials(
                 "emission": _floats(material.emission),
                 "gloss": float(material.gloss),
                 "shown": None if material.shown is None else _floats(material.shown),
+                "metal": None if material.metal is None else _floats(material.metal),
             }
         )
     return numbers, materials, described, pixels
@@ -329,6 +330,7 @@ def _unpack(arrays: dict[str, NDArray[Any]], index: dict[str, Any]) -> Scene:
             emission=tuple(m["emission"]),
             gloss=m["gloss"],
             shown=None if m["shown"] is None else tuple(m["shown"]),
+            metal=None if m["metal"] is None else tuple(m["metal"]),
         )
         for m in index["materials"]
     ]

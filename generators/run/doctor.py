@@ -56,6 +56,10 @@ else:
     assert (values.copy_to_host() == 2.0).all(), "a kernel returned wrong numbers"
     print(f"--device cuda: {device}")
 """
+_PATHTRACED = """
+from generators.vision.pathtraced import PathtracedBackend
+print("--vision pathtraced: Mitsuba", PathtracedBackend().version)
+"""
 _JIT = """
 import numba
 assert numba.njit(lambda x: x + 1)(1) == 2
@@ -78,6 +82,14 @@ def checks() -> tuple[Check, ...]:
         package_check("generate", "numba", "numba", _EXTRA, program=_JIT, needed="shading"),
         package_check("generate", "trimesh", "trimesh", _EXTRA, needed="mesh files"),
         package_check("generate", "xatlas", "xatlas", _EXTRA, needed="light maps"),
+        package_check(
+            "generate",
+            "mitsuba",
+            "mitsuba",
+            "pip install 'avs3d-bench[pathtraced]'",
+            program=_PATHTRACED,
+            needed="--vision pathtraced",
+        ),
         _engine(),
         package_check("generate", "h5py", "h5py", "pip install 'avs3d-bench[sofa]'", needed="heads of SOFA files"),
         Check("generate", "numba-cuda", _cuda),

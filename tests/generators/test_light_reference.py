@@ -102,18 +102,18 @@ def test_faces_are_sorted_by_what_they_are_part_of() -> None:
 @pytest.fixture(scope="module")
 def reference() -> object:
     pytest.importorskip("mitsuba", reason="the reference renderer is not installed: pip install mitsuba")
-    from benchmarks.mitsuba_scene import load_mitsuba
+    from generators.vision.mitsuba_scene import load_mitsuba
 
     return load_mitsuba("scalar_rgb")
 
 
 @pytest.mark.parametrize("albedo", [0.0, 0.5])
 def test_reference_in_a_furnace(reference: object, albedo: float) -> None:
-    from benchmarks.mitsuba_scene import ReferenceScene
+    from generators.vision.mitsuba_scene import MitsubaScene
 
     # Everything glows with e and reflects ρ of what arrives: radiance is e / (1 − ρ) everywhere.
     scene = scene_of(box_room(matte(albedo, emission=(1.0, 0.5, 0.25))).build())
-    picture = ReferenceScene(reference, scene).render(
+    picture = MitsubaScene(reference, scene).render(
         Pose.from_yaw((2.0, 1.2, 1.5), 0.4), Intrinsics.from_fov(12), samples=64
     )
     expected = np.array([1.0, 0.5, 0.25]) / (1 - albedo)
@@ -121,13 +121,13 @@ def test_reference_in_a_furnace(reference: object, albedo: float) -> None:
 
 
 def test_reference_shows_the_form_factor_of_a_lamp(reference: object) -> None:
-    from benchmarks.mitsuba_scene import ReferenceScene
+    from generators.vision.mitsuba_scene import MitsubaScene
 
     floor = MeshBuilder().quad([(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)], matte(0.5)).build()
     scene = scene_of(floor, ceiling_lamp(0.0, 0.0, 1.0, 2.0))
     # From just below the lamp straight down: the middle of the picture shows the floor's middle.
     pose = Pose((0.0, 1.9, 0.0), (np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0))
-    picture = ReferenceScene(reference, scene).render(pose, Intrinsics.from_fov(16), samples=128)
+    picture = MitsubaScene(reference, scene).render(pose, Intrinsics.from_fov(16), samples=128)
     expected = 0.5 * LAMP.emission[0] * parallel_form_factor(np.zeros(2), 0.5, 2.0)
     assert picture[7:9, 7:9].mean() == pytest.approx(expected, rel=0.02)
 

@@ -122,7 +122,7 @@ def _room_reflection(tint: str) -> Texture:
 @cache
 def chrome(name: str = "chrome", tint: str = "#fbfcfd") -> Material:
     """Polished metal (``tint``: brass, copper …); `mirrored` must be applied to the finished mesh."""
-    return Material(name, "metal", texture=_room_reflection(tint), gloss=0.9)
+    return Material(name, "metal", texture=_room_reflection(tint), gloss=0.9, metal=linear(tint))
 
 
 def mirrored(mesh: Mesh) -> Mesh:
@@ -140,7 +140,7 @@ def brushed_steel(name: str, rng: Generator, srgb: str = "#b9bcbe", *, contrast:
     streaks = rng.normal(size=(256, 1)) * contrast * 0.6 + rng.normal(size=(256, 64)) * contrast * 0.25
     smooth = (streaks + np.roll(streaks, 1, axis=1) + np.roll(streaks, -1, axis=1)) / 3
     pixels = np.clip(np.round(hex_rgb(srgb) + smooth[..., None]), 0, 255).astype(np.uint8)
-    return Material(name, "metal", texture=Texture(name, pixels), gloss=0.6)
+    return Material(name, "metal", texture=Texture(name, pixels), gloss=0.6, metal=linear(srgb))
 
 
 def wood(name: str, rng: Generator, srgb: str = "#6b4326") -> Material:

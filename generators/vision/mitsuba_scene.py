@@ -1,12 +1,17 @@
 """Our scenes in Mitsuba 3: the same triangles, textures, lamps, windows and sun.
 
-Mitsuba (BSD-3, ``pip install mitsuba``) traces paths and knows nothing of light maps, so that its pictures test ours. A
-scene is handed over in memory:
+Mitsuba (BSD-3, ``pip install mitsuba``) traces paths and knows nothing of light maps, so that its pictures test ours
+(benchmarks/light_reference.py) and are pictures of their own (generators/vision/pathtraced.py). A scene is handed over
+in memory:
 
 - A matte material becomes Mitsuba's ``diffuse``, its colour times its texture as a bitmap of linear values.
-- A material with `Material.gloss` reflects a lobe about the normal whatever the direction it is seen from
-  (generators/lighting/form_factors.py); `NormalLobe` is this model. It needs a vectorised variant (``llvm_ad_rgb``).
-- A face that emits becomes an area light that shines from its front.
+- A material with `Material.gloss` reflects, as ``lobe``, a lobe about the normal whatever the direction it is seen from
+  (generators/lighting/form_factors.py); `NormalLobe` is this model, and needs a vectorised variant (``llvm_ad_rgb``).
+  As ``physical`` it is the microfacet model of glTF and of Burley, "Physically-based shading at Disney" (SIGGRAPH 2012
+  courses), with the roughness 1 − gloss: Mitsuba's ``principled``.
+- A face that emits becomes an area light that shines from its front. As ``physical`` a window's pane shines as its
+  picture does, with the same mean.
+- The texture of a scan is light already: as ``physical`` it is emitted, and reflects nothing.
 - The sun of our model shines through large panes, which are opaque for everything else. A path tracer has no such
   panes, but light adds up: the sun is rendered apart, as a far disc, in a scene whose sunny panes are taken out.
 """
@@ -17,7 +22,7 @@ import contextlib
 import subprocess
 import sys
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,15 +30,19 @@ from numpy.typing import NDArray
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.core.rays import Tracer
-from generators.core.scene import Material, Room, Scene
+from generators.core.scene import Material, Room, Scene, Texture
+from generators.core.tone import MID_GREY, decode_table, inverse_tone_curve
 from generators.lighting.form_factors import LOBE
 from generators.lighting.sun import SUN_RADIUS, Sun, find_sun
 from generators.lighting.surfaces import LitSurfaces, srgb_to_linear
+from generators.vision.tables import is_developed
 
 F32 = NDArray[np.float32]
 
 #: In order of preference: vectorised on the LLVM library of the system; slow, and only for matte materials.
 VARIANTS = ("llvm_ad_rgb", "scalar_rgb")
+#: How materials reflect: without gloss, with our lobe, or by a microfacet model.
+Look = Literal["matte", "lobe", "physical"]
 #: Distance of the disc that stands for the sun (m): across a home its direction turns by 10⁻⁴.
 _SUN_DISTANCE = 1e5
 #: How often lamps of other rooms are sampled, over those of the room in the picture, for equal power.
@@ -42,26 +51,37 @@ _ELSEWHERE = 0.05
 _WALL = 0.4
 #: A path ends after this many reflections; at a mean albedo of 0.7 it then carries 10⁻⁵ of its light.
 MAX_DEPTH = 32
+#: Least roughness of ``principled``: below it, highlights of small lamps are found by chance alone.
+SMOOTHEST = 0.05
 #: From this reflection on a path ends by chance, with the probability that its light is absorbed.
 ROULETTE_DEPTH = 3
 
 
-def load_mitsuba(variant: str | None = None) -> Any:
-    """The module ``mitsuba`` with a variant set; the first of `VARIANTS` that works if none is named.
+def load_mitsuba(*variants: str) -> Any:
+    """The module ``mitsuba`` with a variant set: the first of ``variants`` (default: `VARIANTS`) that works.
 
     Raises:
-        Avs3dError: if Mitsuba is not installed, or has no such variant.
+        Avs3dError: if Mitsuba is not installed, or has no such variant, or none works.
     """
     try:
         import mitsuba as mi
     except ImportError as error:
-        raise Avs3dError(f"the reference renderer cannot be imported ({error}): pip install mitsuba") from error
-    chosen = variant or next(name for name in VARIANTS if name == VARIANTS[-1] or _works(name))
-    if chosen not in mi.variants():
-        raise Avs3dError(f"mitsuba: no variant {chosen!r}; expected one of {', '.join(mi.variants())}")
-    mi.set_variant(chosen)
-    mi.set_log_level(mi.LogLevel.Error)
-    return mi
+        raise Avs3dError(
+            f"Mitsuba cannot be imported ({error}); install it: pip install 'avs3d-bench[pathtraced]'"
+        ) from error
+    wanted = variants or VARIANTS
+    for name in wanted:
+        if name not in mi.variants():
+            raise Avs3dError(f"mitsuba: no variant {name!r}; expected some of {', '.join(mi.variants())}")
+        if name.startswith("scalar") or _works(name):
+            mi.set_variant(name)
+            mi.set_log_level(mi.LogLevel.Error)
+            return mi
+    raise Avs3dError(
+        f"mitsuba: none of its variants {', '.join(wanted)} works here; expected an NVIDIA GPU with its driver, or an "
+        "LLVM library of version 16 or newer (Debian and Ubuntu: apt install libllvm19), which $DRJIT_LIBLLVM_PATH "
+        "names if it is not found by itself"
+    )
 
 
 def _works(variant: str) -> bool:
@@ -75,9 +95,13 @@ def _works(variant: str) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Group:
-    """Faces of one material: corners, shading normals and texture coordinates (F, 3, …), and the faces' area (m²)."""
+    """Faces of one material: corners, shading normals and texture coordinates (F, 3, …), and the faces' area (m²).
+
+    ``is_picture``: they show a photograph, which is light already.
+    """
 
     material: Material
+    is_picture: bool
     positions: F32
     normals: F32
     uv: F32
@@ -88,22 +112,25 @@ class _Group:
         return float(np.linalg.norm(np.cross(edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 0]), axis=1).sum() / 2)
 
 
-class ReferenceScene:
+class MitsubaScene:
     """A scene as Mitsuba sees it.
 
     Args:
         mi: from `load_mitsuba`.
         scene: the scene; its light maps are not read.
         room: the room whose pictures are rendered: its lamps are sampled more often, which changes the noise alone.
-        matte: reflect like matte surfaces whatever the materials' gloss.
+        look: how materials reflect.
+
+    Attributes:
+        scenes: Mitsuba's scenes, whose radiance adds up.
 
     Raises:
-        Avs3dError: if a material has gloss and the variant can only do matte ones.
+        Avs3dError: if a material has gloss and the variant has no ``lobe``.
     """
 
-    def __init__(self, mi: Any, scene: Scene, room: Room | None = None, *, matte: bool = False) -> None:
-        self._mi, self._matte, self._room = mi, matte, room
-        if not matte and mi.variant().startswith("scalar"):
+    def __init__(self, mi: Any, scene: Scene, room: Room | None = None, *, look: Look = "lobe") -> None:
+        self._mi, self._look, self._room, self._exposure = mi, look, room, scene.exposure
+        if look == "lobe" and mi.variant().startswith("scalar"):
             glossy = [m.name for part in scene.parts for m in part.mesh.materials if m.gloss > 0]
             if glossy:
                 raise Avs3dError(
@@ -112,14 +139,13 @@ class ReferenceScene:
                 )
         self._bitmaps: dict[tuple[Any, ...], Any] = {}
         self._bsdfs: dict[tuple[Any, ...], Any] = {}
-        self._lobe = None if mi.variant().startswith("scalar") else normal_lobe(mi)
+        self._lobe = normal_lobe(mi) if look == "lobe" and not mi.variant().startswith("scalar") else None
         surfaces = LitSurfaces.of(scene.parts)
         sun = find_sun(scene.name, surfaces, Tracer(surfaces.triangles))
         pane = np.zeros(len(surfaces.triangles), dtype=bool) if sun is None else sun.pane
-        everything, rest = _groups(scene, np.ones(len(pane), dtype=bool)), _groups(scene, ~pane)
-        self._scenes = [self._load(everything, None)]
-        if sun is not None:
-            self._scenes.append(self._load(rest, sun))
+        self.scenes = [self._load(_groups(scene, np.ones(len(pane), dtype=bool)), None)]
+        if sun is not None and not pane.all():
+            self.scenes.append(self._load(_groups(scene, ~pane), sun))
 
     def render(self, pose: Pose, camera: Intrinsics, samples: int, seed: int = 0) -> F32:
         """Radiance (H, W, 3) float32, the mean over each pixel's square.
@@ -155,7 +181,7 @@ class ReferenceScene:
         )
         integrator = mi.load_dict({"type": "path", "max_depth": MAX_DEPTH, "rr_depth": ROULETTE_DEPTH})
         total = np.zeros((camera.height, camera.width, 3), dtype=np.float32)
-        for number, scene in enumerate(self._scenes):
+        for number, scene in enumerate(self.scenes):
             total += np.array(
                 mi.render(scene, sensor=sensor, integrator=integrator, spp=samples, seed=2 * seed + number)
             )
@@ -166,7 +192,8 @@ class ReferenceScene:
         mi = self._mi
         shapes: dict[str, Any] = {"type": "scene"}
         for number, group in enumerate(groups):
-            shapes[f"mesh_{number}"] = self._mesh(group, emits=sun is None and max(group.material.emission) > 0)
+            shines = max(group.material.emission) > 0 or (group.is_picture and self._look == "physical")
+            shapes[f"mesh_{number}"] = self._mesh(group, emits=sun is None and shines)
         if sun is not None:
             corners = np.concatenate([group.positions.reshape(-1, 3) for group in groups]).astype(np.float64)
             middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
@@ -185,14 +212,10 @@ class ReferenceScene:
     def _mesh(self, group: _Group, *, emits: bool) -> Any:
         mi = self._mi
         properties = mi.Properties()
-        properties["mesh_bsdf"] = self._bsdf(group.material)
+        properties["mesh_bsdf"] = self._bsdf(group)
         if emits:
             properties["mesh_emitter"] = mi.load_dict(
-                {
-                    "type": "area",
-                    "radiance": {"type": "rgb", "value": list(group.material.emission)},
-                    "sampling_weight": self._weight(group),
-                }
+                {"type": "area", "radiance": self._radiance(group), "sampling_weight": self._weight(group)}
             )
         count = len(group.positions)
         mesh = mi.Mesh(
@@ -210,7 +233,8 @@ class ReferenceScene:
 
     def _weight(self, group: _Group) -> float:
         """How often an emitter is sampled: by its power, less if it is outside of the room."""
-        power = group.area * sum(group.material.emission)
+        # A photograph has about the light of mid-grey.
+        power = group.area * (3 * MID_GREY / self._exposure if group.is_picture else sum(group.material.emission))
         if self._room is None:
             return power
         low, high = np.array(self._room.low) - _WALL, np.array(self._room.high) + _WALL
@@ -218,22 +242,53 @@ class ReferenceScene:
         inside = bool(np.all((centre >= low) & (centre <= high), axis=1).any())
         return power * (1.0 if inside else _ELSEWHERE)
 
-    def _bsdf(self, material: Material) -> Any:
-        gloss = 0.0 if self._matte else material.gloss
-        key = (id(material.texture), material.colour, gloss)
+    def _radiance(self, group: _Group) -> Any:
+        """What a face emits: a colour, or a picture of it."""
+        material = group.material
+        if self._look == "physical" and material.texture is not None:
+            if group.is_picture:
+                table = inverse_tone_curve(decode_table()[:, None] * material.colour) / self._exposure
+                return self._bitmap((id(material.texture), "picture"), material.texture, table)
+            if material.shown is not None:
+                pixels = srgb_to_linear(material.texture.pixels[..., :3])
+                u, v = np.mod(group.uv.reshape(-1, 3, 2).mean(axis=1), 1.0).T
+                rows = ((1.0 - v) * pixels.shape[0]).astype(int).clip(0, pixels.shape[0] - 1)
+                seen = pixels[rows, (u * pixels.shape[1]).astype(int).clip(0, pixels.shape[1] - 1)].mean(axis=0)
+                table = decode_table()[:, None] * (np.asarray(material.emission) / np.maximum(seen, 1e-3))
+                return self._bitmap((id(material.texture), material.emission), material.texture, table)
+        return {"type": "rgb", "value": list(material.emission)}
+
+    def _bsdf(self, group: _Group) -> Any:
+        material = group.material
+        black = self._look == "physical" and (group.is_picture or material.shown is not None)
+        gloss = 0.0 if self._look == "matte" or group.is_picture else material.gloss
+        key = (id(material.texture), material.colour, gloss, material.metal, black)
         if key not in self._bsdfs:
             inner: dict[str, Any] = {"type": "diffuse", "reflectance": self._reflectance(material)}
-            if gloss > 0:
-                inner = {"type": self._lobe, "gloss": gloss, "reflectance": self._reflectance(material)}
+            if black:
+                inner["reflectance"] = {"type": "rgb", "value": 0.0}
+            if gloss > 0 and self._look == "lobe":
+                inner = {"type": self._lobe, "gloss": gloss, "reflectance": inner["reflectance"]}
+            elif gloss > 0:
+                colour = inner["reflectance"]
+                if material.metal is not None:
+                    colour = {"type": "rgb", "value": list(material.metal)}
+                inner = {"type": "principled", "base_color": colour, "roughness": max(1.0 - gloss, SMOOTHEST)}
+                inner["metallic"] = float(material.metal is not None)
             self._bsdfs[key] = self._mi.load_dict({"type": "twosided", "bsdf": inner})
         return self._bsdfs[key]
 
     def _reflectance(self, material: Material) -> Any:
         if material.texture is None:
             return {"type": "rgb", "value": list(material.colour)}
-        key = (id(material.texture), material.colour)
+        table = decode_table()[:, None] * np.asarray(material.colour)
+        return self._bitmap((id(material.texture), material.colour), material.texture, table)
+
+    def _bitmap(self, key: tuple[Any, ...], texture: Texture, table: NDArray[Any]) -> Any:
+        """A texture whose levels of 8 bits mean the linear values of ``table`` (256, 3); made once for each ``key``."""
         if key not in self._bitmaps:
-            pixels = srgb_to_linear(material.texture.pixels[..., :3]) * np.asarray(material.colour, dtype=np.float32)
+            levels = texture.pixels
+            pixels = np.stack([table[levels[..., channel], channel] for channel in range(3)], axis=2)
             self._bitmaps[key] = self._mi.load_dict(
                 {
                     "type": "bitmap",
@@ -248,10 +303,10 @@ class ReferenceScene:
 
 def _groups(scene: Scene, wanted: NDArray[np.bool_]) -> list[_Group]:
     """The ``wanted`` faces (F,) of a scene by material; lamps by part too, so that each is sampled for itself."""
-    found: dict[tuple[Any, ...], tuple[Material, list[tuple[F32, F32, F32]]]] = {}
+    found: dict[tuple[Any, ...], tuple[Material, bool, list[tuple[F32, F32, F32]]]] = {}
     first = 0
     for number, part in enumerate(scene.parts):
-        mesh = part.mesh
+        mesh, is_picture = part.mesh, is_developed(scene, part)
         count = len(mesh.positions)
         edges = mesh.positions.astype(np.float64)
         solid = np.linalg.norm(np.cross(edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 0]), axis=1) > 1e-12
@@ -260,12 +315,14 @@ def _groups(scene: Scene, wanted: NDArray[np.bool_]) -> list[_Group]:
             if not own.any():
                 continue
             is_lamp = max(material.emission) > 0
-            key = (id(material.texture), material.colour, material.gloss, material.emission, number if is_lamp else -1)
-            found.setdefault(key, (material, []))[1].append((mesh.positions[own], mesh.normals[own], mesh.uv[own]))
+            look = id(material.texture), material.colour, material.gloss, material.emission, material.metal
+            key = (*look, is_picture, number if is_lamp else -1)
+            piece = mesh.positions[own], mesh.normals[own], mesh.uv[own]
+            found.setdefault(key, (material, is_picture, []))[2].append(piece)
         first += count
     return [
-        _Group(material, *(np.concatenate([piece[k] for piece in pieces]) for k in range(3)))
-        for material, pieces in found.values()
+        _Group(material, is_picture, *(np.concatenate([piece[k] for piece in pieces]) for k in range(3)))
+        for material, is_picture, pieces in found.values()
     ]
 
 

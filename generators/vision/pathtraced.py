@@ -1,0 +1,182 @@
+"""Path-traced pictures: Mitsuba 3 follows light, our own kernels say what is seen.
+
+Depth and instance ids are those of `generators.vision.embree`, so that masks do not depend on the renderer. Radiance is
+the mean of `SAMPLES` paths a pixel; each path has its own random numbers, and a pixel's paths are added by blocks in a
+fixed order, so that one kind of device gives the same bytes on every run (Mitsuba's own film adds by atomics, whose
+order changes). What a path brings is limited to `MOST_LIGHT` times what is shown as white: rarer, brighter paths would
+be single bright pixels. Noise is then removed by Intel's Open Image Denoise (https://www.openimagedenoise.org), which
+reads radiance, albedo and normals, if ``pyoidn`` is installed; pixels whose paths agree stay as they were traced.
+
+Materials are the microfacet model of glTF (see `generators.vision.mitsuba_scene`): metal, enamel, tiles and screens
+reflect the room. A window shows the radiance that lights the room, so that it is overexposed as in a photograph.
+"""
+
+from __future__ import annotations
+
+import zlib
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from avs3d_bench.geometry import Intrinsics, Pose
+from generators.core.freespace import Navigable
+from generators.core.scene import F32, Scene
+from generators.core.tone import WHITE, develop
+from generators.vision.base import RenderedView
+from generators.vision.embree import EmbreeBackend
+from generators.vision.mitsuba_scene import MAX_DEPTH, ROULETTE_DEPTH, MitsubaScene, load_mitsuba
+from generators.vision.views import check_camera, trial_scene, view_of
+
+#: Paths a pixel, for each of the two scenes (lamps and sky; the sun).
+SAMPLES = 64
+#: Paths that are followed at once on each kind of device: a picture depends on it, since they share random numbers.
+_PATHS = {"cuda": 1 << 24, "llvm": 1 << 21}
+#: The most that one path brings, over the radiance that is shown as white.
+MOST_LIGHT = 8.0
+#: A pixel is not denoised if the standard error of its radiance is below this share of it (a third of a level).
+EXACT = 0.003
+
+
+class PathtracedBackend:
+    """Renders with Mitsuba 3: on an NVIDIA GPU, else with LLVM on the CPU."""
+
+    name = "pathtraced"
+
+    @property
+    def version(self) -> str:
+        """Versions of Mitsuba, its variant and the denoiser: a frame's bytes depend on all three.
+
+        Raises:
+            Avs3dError: if Mitsuba is missing, or none of its variants works.
+        """
+        mi = _mitsuba()
+        return f"{mi.__version__} {mi.variant()}, denoiser {_denoiser_version() or 'none'}"
+
+    def warm_up(self) -> None:
+        """Compile the kernels.
+
+        Raises:
+            Avs3dError: if Mitsuba or a package of ``[generate]`` is missing.
+        """
+        EmbreeBackend().warm_up()
+        scene, camera, pose = trial_scene()
+        session = self.open(scene, camera)
+        session.render(pose)
+        session.close()
+
+    def open(self, scene: Scene, intrinsics: Intrinsics) -> PathtracedSession:
+        """Load ``scene`` for a camera with ``intrinsics``.
+
+        Raises:
+            Avs3dError: for a scene or camera that cannot be rendered, or if Mitsuba is missing.
+        """
+        return PathtracedSession(_mitsuba(), scene, intrinsics)
+
+    def navigable(self, home: Scene) -> Navigable | None:
+        """None: there is no navigation mesh besides the free space that generators/core/freespace.py measures."""
+        return None
+
+
+@cache
+def _mitsuba() -> Any:
+    """Mitsuba with the variant of this machine.
+
+    Raises:
+        Avs3dError: if it is not installed, or its variants need an LLVM or a driver that is not there.
+    """
+    return load_mitsuba("cuda_ad_rgb", "llvm_ad_rgb")
+
+
+@cache
+def _denoiser_version() -> str | None:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("pyoidn")
+    except PackageNotFoundError:
+        return None
+
+
+class PathtracedSession:
+    """An open scene, for one thread at a time."""
+
+    def __init__(self, mi: Any, scene: Scene, intrinsics: Intrinsics) -> None:
+        check_camera(intrinsics)
+        self._mi, self._intrinsics, self._exposure = mi, intrinsics, scene.exposure
+        self._labels = EmbreeBackend().open(scene, intrinsics)
+        self._scenes = MitsubaScene(mi, scene, look="physical").scenes
+        self._path = mi.load_dict({"type": "path", "max_depth": MAX_DEPTH, "rr_depth": ROULETTE_DEPTH})
+        self._guide = mi.load_dict({"type": "aov", "aovs": "albedo:albedo,normal:sh_normal"})
+
+    def render(self, pose: Pose) -> RenderedView:
+        """Render the scene from ``pose``; the same pose gives the same bytes on one kind of device.
+
+        Raises:
+            Avs3dError: if the session has been closed.
+        """
+        labels = self._labels.render(pose)
+        radiance, error, albedo, normal = self._trace(pose)
+        if _denoiser_version() is not None:
+            exact = error.max(axis=2, keepdims=True) <= EXACT * radiance.max(axis=2, keepdims=True)
+            radiance = np.where(exact, radiance, _denoised(radiance, albedo, normal))
+        return RenderedView(rgb=develop(radiance), depth=labels.depth, instance_ids=labels.instance_ids)
+
+    def share(self) -> None:
+        """None: Mitsuba uses all of a device for one picture."""
+        return
+
+    def close(self) -> None:
+        """Free the resources of the session; closing twice is allowed."""
+        self._labels.close()
+        self._scenes = []
+
+    def _trace(self, pose: Pose) -> tuple[F32, F32, F32, F32]:
+        """Exposed radiance, its standard error, albedo and normal (H, W, 3) of each pixel, means over its square."""
+        camera, most = self._intrinsics, MOST_LIGHT * WHITE
+        rows = max(1, _PATHS[self._mi.variant().split("_")[0]] // (SAMPLES * camera.width))
+        # Each pose has random numbers of its own: with the same ones, noise would stand still before a moving camera.
+        seed = zlib.crc32(repr((pose.position, pose.rotation)).encode())
+        total = np.zeros((4, camera.height * camera.width, 3), dtype=np.float32)
+        for first in range(0, camera.height, rows):
+            count = min(rows, camera.height - first) * camera.width
+            block = slice(first * camera.width, first * camera.width + count)
+            for number, scene in enumerate(self._scenes):
+                rays, sampler = self._rays(pose, block.start, count, seed + number)
+                found = self._path.sample(scene, sampler, rays)[0]
+                light = [self._mi.Float(found[channel] * self._exposure) for channel in range(3)]
+                mean, square = self._means(light, most), self._means([one * one for one in light], most * most)
+                total[0, block] += mean
+                total[1, block] += np.maximum(square - mean * mean, 0.0) / SAMPLES
+                if number == 0:
+                    guides = self._guide.sample(scene, sampler, rays)[2]
+                    total[2, block], total[3, block] = self._means(guides[0:3], 1.0), self._means(guides[3:6], 1.0)
+        radiance, variance, albedo, normal = total.reshape(4, camera.height, camera.width, 3)
+        return radiance, np.sqrt(variance), albedo, normal
+
+    def _rays(self, pose: Pose, first: int, count: int, seed: int) -> tuple[Any, Any]:
+        """`SAMPLES` rays through each of ``count`` pixels from ``first`` on, and their random numbers."""
+        import drjit as dr
+
+        mi, view = self._mi, view_of(self._intrinsics, pose)
+        sampler = mi.load_dict({"type": "independent"})
+        sampler.seed(seed & 0xFFFFFFFF, count * SAMPLES)
+        pixel = dr.arange(mi.UInt32, count * SAMPLES) // SAMPLES + first
+        inside = sampler.next_2d()
+        x = mi.Float(pixel % view.width) + inside.x
+        y = mi.Float(pixel // view.width) + inside.y
+        direction = mi.Vector3f(view.corner) + mi.Vector3f(view.right) * x + mi.Vector3f(view.down) * y
+        return mi.RayDifferential3f(mi.Point3f(view.origin), dr.normalize(direction)), sampler
+
+    def _means(self, values: Any, most: float) -> F32:
+        """(pixels, 3) means of `SAMPLES` consecutive values of each channel, none above ``most``."""
+        import drjit as dr
+
+        sums = [np.array(dr.block_sum(dr.minimum(values[channel], most), SAMPLES)) for channel in range(3)]
+        return np.asarray(np.stack(sums, axis=1) / SAMPLES, dtype=np.float32)
+
+
+def _denoised(radiance: F32, albedo: F32, normal: F32) -> F32:
+    import pyoidn
+
+    return np.asarray(pyoidn.denoise(radiance, albedo=albedo, normal=normal, hdr=True), dtype=np.float32)

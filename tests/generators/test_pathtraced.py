@@ -1,0 +1,119 @@
+"""The path tracer as a renderer: its labels are embree's, its light follows closed forms, its bytes repeat."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.geometry import Intrinsics, Pose
+from generators.assets.shapes import MeshBuilder
+from generators.core.scene import Material, Part, Scene, StageFile, Texture
+from generators.core.tone import develop
+from generators.vision import pathtraced
+from generators.vision.embree import EmbreeBackend
+from tests.generators.test_light import box_room, ceiling_lamp, matte, scene_of
+
+pytestmark = pytest.mark.slow
+
+CAMERA = Intrinsics.from_fov(24)
+AHEAD = Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+POSE = Pose.from_yaw((2.0, 1.2, 1.5), 0.4)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def backend() -> pathtraced.PathtracedBackend:
+    pytest.importorskip("mitsuba", reason="Mitsuba is not installed: pip install 'avs3d-bench[pathtraced]'")
+    found = pathtraced.PathtracedBackend()
+    try:
+        found.warm_up()
+    except Avs3dError as error:
+        pytest.skip(str(error))
+    return found
+
+
+def room_with_a_block() -> Scene:
+    block = MeshBuilder().box((0.6, 0.8, 0.5), (1.0, 0.4, 1.0), matte(0.6)).build()
+    scene = scene_of(box_room(matte(0.6)).build(), ceiling_lamp(2.0, 1.5, 0.8, 2.4))
+    return replace(scene, parts=(*scene.parts, Part("block", block, instance_id=3)))
+
+
+def plate(material: Material, distance: float) -> Part:
+    """A square of 6 m before a camera at the origin that looks along −Z."""
+    z = -distance
+    corners = [(-3, -3, z), (3, -3, z), (3, 3, z), (-3, 3, z)]
+    return Part(material.name, MeshBuilder().quad(corners, material, fit=True).build())
+
+
+def picture(backend: pathtraced.PathtracedBackend, scene: Scene, pose: Pose = POSE) -> np.ndarray:
+    session = backend.open(scene, CAMERA)
+    rgb = session.render(pose).rgb
+    session.close()
+    return rgb
+
+
+def test_labels_are_those_of_the_default_renderer_and_bytes_repeat(backend: pathtraced.PathtracedBackend) -> None:
+    scene, other = room_with_a_block(), Pose.from_yaw((2.5, 1.4, 2.0), 1.1)
+    session = backend.open(scene, CAMERA)
+    first = session.render(POSE)
+    session.render(other)
+    again = session.render(POSE)
+    session.close()
+    expected = EmbreeBackend().open(scene, CAMERA).render(POSE)
+    assert 3 in expected.instance_ids
+    assert np.array_equal(first.instance_ids, expected.instance_ids)
+    assert np.array_equal(first.depth, expected.depth)
+    assert np.array_equal(first.rgb, again.rgb)
+    assert np.array_equal(picture(backend, scene), first.rgb)
+
+
+def test_radiance_in_a_furnace(backend: pathtraced.PathtracedBackend) -> None:
+    # Everything glows with e and reflects half of what arrives: radiance is 2 e everywhere.
+    scene = scene_of(box_room(matte(0.5, emission=(0.2, 0.1, 0.05))).build())
+    found = picture(backend, scene).reshape(-1, 3)
+    assert np.abs(np.median(found, axis=0) - develop([0.4, 0.2, 0.1])).max() <= 2
+
+
+@pytest.mark.parametrize("metal", [(0.9, 0.6, 0.3), None])
+def test_polished_metal_shows_what_it_reflects(
+    backend: pathtraced.PathtracedBackend, metal: tuple[float, float, float] | None
+) -> None:
+    """A plate before the camera, and a lamp that fills the half space behind the camera."""
+    glow = Material("glow", "plaster", (0.0, 0.0, 0.0), emission=(0.5, 0.5, 0.5))
+    lamp = MeshBuilder().quad([(-300, -300, 5), (-300, 300, 5), (300, 300, 5), (300, -300, 5)], glow).build()
+    front = Material("plate", "metal", (0.0, 0.0, 0.0), gloss=0.95, metal=metal)
+    found = picture(backend, scene_of(plate(front, 1.0).mesh, lamp), AHEAD)
+    # Metal has its tint as reflectance at normal incidence; a dielectric of index 1.5 has 4 % (Fresnel).
+    expected = develop(0.5 * np.asarray(metal or (0.04, 0.04, 0.04)))
+    assert np.abs(found[11:13, 11:13].astype(int).mean(axis=(0, 1)) - expected).max() <= 4
+
+
+def test_a_window_shows_the_radiance_that_lights_the_room(backend: pathtraced.PathtracedBackend) -> None:
+    pixels = np.zeros((8, 8, 3), np.uint8)
+    pixels[:4], pixels[4:] = 255, 60
+    pane = Material(
+        "sky_0", "glass", (0.04,) * 3, Texture("view", pixels), emission=(0.4, 0.4, 0.4), gloss=0.9, shown=(2.3,) * 3
+    )
+    found = picture(backend, scene_of(plate(pane, 3.0).mesh), AHEAD)
+    bright, dark = found[4].mean(), found[-4].mean()
+    assert bright > dark
+    # 60 of 255 is 4.5 % of white's light, and the mean is that of the emission.
+    expected = develop(0.4 * np.array([1.0, 0.0452]) / 0.5226)
+    assert np.abs(np.array([bright, dark]) - expected).max() <= 6
+
+
+def test_a_scan_is_shown_as_it_was_photographed(backend: pathtraced.PathtracedBackend, tmp_path: Path) -> None:
+    wall = plate(Material("scan", "plaster", texture=Texture("t", np.full((4, 4, 3), (180, 120, 60), np.uint8))), 2.0)
+    scene = replace(scene_of(wall.mesh), stage=StageFile(tmp_path / "scan.glb"), exposure=0.3)
+    found = picture(backend, scene, AHEAD)
+    assert np.abs(found.astype(int) - (180, 120, 60)).max() <= 1
+
+
+def test_no_variant_that_works_is_one_line() -> None:
+    from generators.vision.mitsuba_scene import load_mitsuba
+
+    with pytest.raises(Avs3dError, match="no variant 'metal_rgb'; expected some of scalar_rgb"):
+        load_mitsuba("metal_rgb")
