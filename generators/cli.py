@@ -17,7 +17,7 @@ from avs3d_bench.contract import layout
 from avs3d_bench.runtime.one_thread import ONE_THREAD
 from avs3d_bench.scheduling.options import Options, scheduling_options
 from generators.core.limits import FRAMES, SIZE, WORKERS
-from generators.options import Audio, Device, Extra, Form, GenerateOptions, Vision
+from generators.options import Audio, CameraName, Device, Extra, Form, GenerateOptions, Vision
 
 #: Folders and receivers that `--with` takes; a receiver has a value of its own.
 _FOLDERS: tuple[Extra, ...] = get_args(Extra)
@@ -96,6 +96,13 @@ _OPTIONS = (
         type=click.Choice(get_args(Vision)),
         default=None,
         help="Renderer (default: embree; cuda on cuda).",
+    ),
+    click.option(
+        "--camera",
+        type=click.Choice(get_args(CameraName)),
+        default="ideal",
+        show_default=True,
+        help="phone: exposure, vignette, noise and sharpening of a camera.",
     ),
     click.option(
         "--habitat-python",

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 Vision = Literal["embree", "cuda", "habitat", "pathtraced"]
 Audio = Literal["soundspaces", "tracer", "analytic"]
 Device = Literal["cpu", "cuda"]
+CameraName = Literal["ideal", "phone"]
 Extra = Literal["depth", "rirs", "stems"]
 #: Forms of a dataset: a folder of files for each observation, or shards of samples.
 Form = Literal["folders", "webdataset"]
@@ -51,6 +52,8 @@ class EngineOptions:
         audio: acoustic engine; soundspaces needs rlr-audio-propagation (CC-BY-NC 4.0). None: the manifest's, else the
             tracer.
         device: draws the pictures, bakes the light and, with the tracer, traces the sound; cuda needs ``[cuda]``.
+        camera: ideal: pictures as they are rendered; phone: with its exposure, vignette, noise and sharpening (see
+            `generators.vision.camera`).
         receivers: what hears the sound; see `generators.acoustics.receivers.choose_receivers`.
         extras: optional folders: depth pictures, impulse responses, stems (of part_3).
         scans: folder with scans; None: ``$AVS3D_SCANS``, else that of the manifest.
@@ -59,6 +62,7 @@ class EngineOptions:
     vision: Vision | None = None
     audio: Audio | None = None
     device: Device = "cpu"
+    camera: CameraName = "ideal"
     receivers: Receivers = OWN_HEAD
     extras: Sequence[Extra] = field(default=(), metadata=_NO_BYTES)
     scans: Path | None = field(default=None, metadata=_NO_BYTES)
@@ -157,7 +161,8 @@ class GenerateOptions(EngineOptions):
         """
         for name, limits in (("frames", FRAMES), ("size", SIZE), ("workers", WORKERS), ("ambisonics", ORDERS)):
             _check_whole(name, getattr(self, name), *limits)
-        for name, known in (("vision", Vision), ("audio", Audio), ("device", Device), ("format", Form)):
+        words = {"vision": Vision, "audio": Audio, "device": Device, "camera": CameraName, "format": Form}
+        for name, known in words.items():
             _check_word(name, getattr(self, name), get_args(known), optional=name in ("vision", "audio"))
         for name, what in (("only", "patterns"), ("remake", "patterns"), ("extras", "names")):
             _check_texts(name, getattr(self, name), what)

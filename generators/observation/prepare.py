@@ -19,6 +19,7 @@ from generators.observation.stage import Stage
 from generators.placement.placement import Placement
 from generators.plan import ObservationPlan
 from generators.vision.base import VisionBackend
+from generators.vision.camera import CameraBackend
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +96,8 @@ def prepare_observation(plan: ObservationPlan, cache: Path) -> PreparedObservati
         Avs3dError: if a room does not exist, is too small for the objects or the walk, or a file is missing or broken.
     """
     renderer = vision_backend(plan.options.renderer)
+    if plan.options.camera == "phone":
+        renderer = CameraBackend(renderer, plan.rng("camera"))
     return prepare_sources(plan, *arranged(plan, cache, renderer), renderer)
 
 

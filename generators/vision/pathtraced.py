@@ -13,7 +13,6 @@ reflect the room. A window shows the radiance that lights the room, so that it i
 
 from __future__ import annotations
 
-import zlib
 from functools import cache
 from typing import Any
 
@@ -26,7 +25,7 @@ from generators.core.tone import WHITE, develop
 from generators.vision.base import RenderedView
 from generators.vision.embree import EmbreeBackend
 from generators.vision.mitsuba_scene import MAX_DEPTH, ROULETTE_DEPTH, MitsubaScene, load_mitsuba
-from generators.vision.views import check_camera, trial_scene, view_of
+from generators.vision.views import check_camera, pose_number, trial_scene, view_of
 
 #: Paths a pixel, for each of the two scenes (lamps and sky; the sun).
 SAMPLES = 64
@@ -136,7 +135,7 @@ class PathtracedSession:
         camera, most = self._intrinsics, MOST_LIGHT * WHITE
         rows = max(1, _PATHS[self._mi.variant().split("_")[0]] // (SAMPLES * camera.width))
         # Each pose has random numbers of its own: with the same ones, noise would stand still before a moving camera.
-        seed = zlib.crc32(repr((pose.position, pose.rotation)).encode())
+        seed = pose_number(pose)
         total = np.zeros((4, camera.height * camera.width, 3), dtype=np.float32)
         for first in range(0, camera.height, rows):
             count = min(rows, camera.height - first) * camera.width

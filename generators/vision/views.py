@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -44,6 +45,11 @@ def view_of(camera: Intrinsics, pose: Pose) -> PinholeView:
         width=camera.width,
         height=camera.height,
     )
+
+
+def pose_number(pose: Pose) -> int:
+    """A number of 32 bits that another pose hardly ever has: seed of what is random in its picture."""
+    return zlib.crc32(np.array([*pose.position, *pose.rotation], dtype="<f8").tobytes())
 
 
 def trial_scene() -> tuple[Scene, Intrinsics, Pose]:
