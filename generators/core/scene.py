@@ -40,8 +40,8 @@ class Material:
         colour: linear-light albedo in [0, 1], multiplied with the texture.
         texture: optional; sampled at the mesh's uv.
         emission: radiance (3,) in the scene's light unit; lamps and window panes.
-        gloss: 1 − the roughness of glTF's materials. 0 = matte; towards 1 the bake gathers light from a narrower lobe
-            about the normal (metal, enamel, glass).
+        gloss: 1 − the root of glTF's roughness. 0 = matte; towards 1 the bake gathers light from a narrower lobe about
+            the normal (metal, enamel, glass).
         metal: what bare metal reflects at normal incidence, linear RGB; None if it is painted, or no metal. Only
             renderers that trace reflections use it, in place of colour and texture.
         shown: if set, the camera sees ``texture`` × ``shown`` here, independent of light and exposure. It is for the

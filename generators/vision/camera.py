@@ -70,7 +70,7 @@ class Camera:
         light += _blurred(noise) * np.sqrt(self.shot / _LEFT**2 * light + (self.read / _LEFT) ** 2, dtype=np.float32)
         shown = _encoded()[(light * len(_encoded())).clip(0, len(_encoded()) - 1).astype(np.int32)]
         shown += self.sharpening * (shown - _blurred(shown))
-        return np.rint(shown.clip(0.0, 255.0)).astype(np.uint8)
+        return np.asarray(np.rint(shown.clip(0.0, 255.0)), dtype=np.uint8)
 
 
 @cache

@@ -148,6 +148,11 @@ class EmbreeSession:
             )
         return light.reshape(view.height, view.width, 3), face.reshape(view.height, view.width)
 
+    @property
+    def faces(self) -> np.ndarray:
+        """(H, W) int32 the face that each pixel of the last picture shows at its centre; −1 for none. A view."""
+        return self._face.reshape(self._intrinsics.height, self._intrinsics.width)
+
     def share(self) -> EmbreeSession:
         """The same scene and tables with working memory of its own: Embree and the kernels only read them."""
         other = copy.copy(self)

@@ -8,7 +8,7 @@ in memory:
 - A material with `Material.gloss` reflects, as ``lobe``, a lobe about the normal whatever the direction it is seen from
   (generators/lighting/form_factors.py); `NormalLobe` is this model, and needs a vectorised variant (``llvm_ad_rgb``).
   As ``physical`` it is the microfacet model of glTF and of Burley, "Physically-based shading at Disney" (SIGGRAPH 2012
-  courses), with the roughness 1 − gloss: Mitsuba's ``principled``.
+  courses), with the roughness (1 − gloss)²: Mitsuba's ``principled``.
 - A face that emits becomes an area light that shines from its front. As ``physical`` a window's pane shines as its
   picture does, with the same mean.
 - The texture of a scan is light already: as ``physical`` it is emitted, and reflects nothing.
@@ -273,7 +273,7 @@ class MitsubaScene:
                 colour = inner["reflectance"]
                 if material.metal is not None:
                     colour = {"type": "rgb", "value": list(material.metal)}
-                inner = {"type": "principled", "base_color": colour, "roughness": max(1.0 - gloss, SMOOTHEST)}
+                inner = {"type": "principled", "base_color": colour, "roughness": max((1.0 - gloss) ** 2, SMOOTHEST)}
                 inner["metallic"] = float(material.metal is not None)
             self._bsdfs[key] = self._mi.load_dict({"type": "twosided", "bsdf": inner})
         return self._bsdfs[key]

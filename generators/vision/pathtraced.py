@@ -5,7 +5,8 @@ the mean of `SAMPLES` paths a pixel; each path has its own random numbers, and a
 fixed order, so that one kind of device gives the same bytes on every run (Mitsuba's own film adds by atomics, whose
 order changes). What a path brings is limited to `MOST_LIGHT` times what is shown as white: rarer, brighter paths would
 be single bright pixels. Noise is then removed by Intel's Open Image Denoise (https://www.openimagedenoise.org), which
-reads radiance, albedo and normals, if ``pyoidn`` is installed; pixels whose paths agree stay as they were traced.
+reads radiance, albedo and normals, if ``pyoidn`` is installed. What shines by itself (lamps, windows, the photographs
+of a scan) has no noise, and stays as it was traced.
 
 Materials are the microfacet model of glTF (see `generators.vision.mitsuba_scene`): metal, enamel, tiles and screens
 reflect the room. A window shows the radiance that lights the room, so that it is overexposed as in a photograph.
@@ -13,10 +14,12 @@ reflect the room. A window shows the radiance that lights the room, so that it i
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
 import numpy as np
+from scipy import ndimage
 
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.core.freespace import Navigable
@@ -25,6 +28,7 @@ from generators.core.tone import WHITE, develop
 from generators.vision.base import RenderedView
 from generators.vision.embree import EmbreeBackend
 from generators.vision.mitsuba_scene import MAX_DEPTH, ROULETTE_DEPTH, MitsubaScene, load_mitsuba
+from generators.vision.tables import is_developed
 from generators.vision.views import check_camera, pose_number, trial_scene, view_of
 
 #: Paths a pixel, for each of the two scenes (lamps and sky; the sun).
@@ -33,8 +37,6 @@ SAMPLES = 64
 _PATHS = {"cuda": 1 << 24, "llvm": 1 << 21}
 #: The most that one path brings, over the radiance that is shown as white.
 MOST_LIGHT = 8.0
-#: A pixel is not denoised if the standard error of its radiance is below this share of it (a third of a level).
-EXACT = 0.003
 
 
 class PathtracedBackend:
@@ -105,6 +107,7 @@ class PathtracedSession:
         self._mi, self._intrinsics, self._exposure = mi, intrinsics, scene.exposure
         self._labels = EmbreeBackend().open(scene, intrinsics)
         self._scenes = MitsubaScene(mi, scene, look="physical").scenes
+        self._shines = np.array([*_shining(scene), False])  # the last one: no face
         self._path = mi.load_dict({"type": "path", "max_depth": MAX_DEPTH, "rr_depth": ROULETTE_DEPTH})
         self._guide = mi.load_dict({"type": "aov", "aovs": "albedo:albedo,normal:sh_normal"})
 
@@ -115,10 +118,12 @@ class PathtracedSession:
             Avs3dError: if the session has been closed.
         """
         labels = self._labels.render(pose)
-        radiance, error, albedo, normal = self._trace(pose)
+        radiance, albedo, normal = self._trace(pose)
         if _denoiser_version() is not None:
-            exact = error.max(axis=2, keepdims=True) <= EXACT * radiance.max(axis=2, keepdims=True)
-            radiance = np.where(exact, radiance, _denoised(radiance, albedo, normal))
+            shines = self._shines[self._labels.faces]
+            albedo = np.where(shines[..., None], np.minimum(radiance, 1.0), albedo)
+            inside = ndimage.binary_erosion(shines, np.ones((3, 3), dtype=bool), border_value=1)[..., None]
+            radiance = np.where(inside, radiance, _denoised(radiance, albedo, normal))
         return RenderedView(rgb=develop(radiance), depth=labels.depth, instance_ids=labels.instance_ids)
 
     def share(self) -> None:
@@ -130,13 +135,15 @@ class PathtracedSession:
         self._labels.close()
         self._scenes = []
 
-    def _trace(self, pose: Pose) -> tuple[F32, F32, F32, F32]:
-        """Exposed radiance, its standard error, albedo and normal (H, W, 3) of each pixel, means over its square."""
+    def _trace(self, pose: Pose) -> tuple[F32, F32, F32]:
+        """Exposed radiance, albedo and normal (H, W, 3) of each pixel, the mean over its square."""
+        import drjit as dr
+
         camera, most = self._intrinsics, MOST_LIGHT * WHITE
         rows = max(1, _PATHS[self._mi.variant().split("_")[0]] // (SAMPLES * camera.width))
         # Each pose has random numbers of its own: with the same ones, noise would stand still before a moving camera.
         seed = pose_number(pose)
-        total = np.zeros((4, camera.height * camera.width, 3), dtype=np.float32)
+        total = np.zeros((3, camera.height * camera.width, 3), dtype=np.float32)
         for first in range(0, camera.height, rows):
             count = min(rows, camera.height - first) * camera.width
             block = slice(first * camera.width, first * camera.width + count)
@@ -144,14 +151,15 @@ class PathtracedSession:
                 rays, sampler = self._rays(pose, block.start, count, seed + number)
                 found = self._path.sample(scene, sampler, rays)[0]
                 light = [self._mi.Float(found[channel] * self._exposure) for channel in range(3)]
-                mean, square = self._means(light, most), self._means([one * one for one in light], most * most)
-                total[0, block] += mean
-                total[1, block] += np.maximum(square - mean * mean, 0.0) / SAMPLES
+                # Once for all that follows; and one scene at a time, since OptiX cannot trace two in one kernel.
+                dr.eval(light)
+                total[0, block] += self._means(light, most)
                 if number == 0:
                     guides = self._guide.sample(scene, sampler, rays)[2]
-                    total[2, block], total[3, block] = self._means(guides[0:3], 1.0), self._means(guides[3:6], 1.0)
-        radiance, variance, albedo, normal = total.reshape(4, camera.height, camera.width, 3)
-        return radiance, np.sqrt(variance), albedo, normal
+                    dr.eval(guides)
+                    total[1, block], total[2, block] = self._means(guides[0:3], 1.0), self._means(guides[3:6], 1.0)
+        radiance, albedo, normal = total.reshape(3, camera.height, camera.width, 3)
+        return radiance, albedo, normal
 
     def _rays(self, pose: Pose, first: int, count: int, seed: int) -> tuple[Any, Any]:
         """`SAMPLES` rays through each of ``count`` pixels from ``first`` on, and their random numbers."""
@@ -173,6 +181,13 @@ class PathtracedSession:
 
         sums = [np.array(dr.block_sum(dr.minimum(values[channel], most), SAMPLES)) for channel in range(3)]
         return np.asarray(np.stack(sums, axis=1) / SAMPLES, dtype=np.float32)
+
+
+def _shining(scene: Scene) -> Iterator[bool]:
+    """For each face, whether it shines by itself."""
+    for part in scene.parts:
+        shines = [is_developed(scene, part) or max(material.emission) > 0 for material in part.mesh.materials]
+        yield from np.array(shines)[part.mesh.face_material].tolist()
 
 
 def _denoised(radiance: F32, albedo: F32, normal: F32) -> F32:
