@@ -39,7 +39,7 @@ _LEFT = float(np.square(_BLUR).sum())
 
 
 @dataclass(frozen=True)
-class Camera:
+class PhoneCamera:
     """A camera's parameters; see `RANGES` for their units.
 
     The noise of a value x of linear light (1: white) has the variance shot · x + read² (A. Foi, M. Trimeche, V.
@@ -55,9 +55,9 @@ class Camera:
     sharpening: float
 
     @staticmethod
-    def drawn(rng: np.random.Generator) -> Camera:
+    def drawn(rng: np.random.Generator) -> PhoneCamera:
         """A camera within `RANGES`."""
-        return Camera(**{name: float(rng.uniform(low, high)) for name, (low, high) in RANGES.items()})
+        return PhoneCamera(**{name: float(rng.uniform(low, high)) for name, (low, high) in RANGES.items()})
 
     def photograph(self, rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
         """The picture that the camera takes of what ``rgb`` (H, W, 3) shows; both are 8-bit sRGB."""
@@ -95,7 +95,7 @@ class CameraBackend:
 
     def __init__(self, renderer: VisionBackend, rng: np.random.Generator) -> None:
         self._renderer = renderer
-        self._camera, self._seed = Camera.drawn(rng), int(rng.integers(2**62))
+        self._camera, self._seed = PhoneCamera.drawn(rng), int(rng.integers(2**62))
         self.name, self.version = renderer.name, renderer.version
 
     def warm_up(self) -> None:
@@ -114,7 +114,7 @@ class CameraBackend:
 class CameraSession:
     """An open scene before a camera."""
 
-    def __init__(self, session: VisionSession, camera: Camera, seed: int) -> None:
+    def __init__(self, session: VisionSession, camera: PhoneCamera, seed: int) -> None:
         self._session, self._camera, self._seed = session, camera, seed
 
     def render(self, pose: Pose) -> RenderedView:

@@ -9,11 +9,11 @@ import pytest
 
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.core.tone import srgb_decode, srgb_encode
-from generators.vision.camera import RANGES, Camera, CameraBackend
+from generators.vision.camera import RANGES, CameraBackend, PhoneCamera
 from generators.vision.embree import EmbreeBackend
 from generators.vision.views import trial_scene
 
-PLAIN = Camera(exposure=0.0, warmth=0.0, vignette=0.0, shot=0.0, read=0.0, sharpening=0.0)
+PLAIN = PhoneCamera(exposure=0.0, warmth=0.0, vignette=0.0, shot=0.0, read=0.0, sharpening=0.0)
 
 
 def grey(light: float, size: int = 201) -> np.ndarray:
@@ -58,7 +58,7 @@ def test_sharpening_steepens_an_edge_and_leaves_plains() -> None:
 
 
 def test_cameras_stay_within_their_ranges_and_differ() -> None:
-    cameras = [Camera.drawn(np.random.default_rng(seed)) for seed in range(50)]
+    cameras = [PhoneCamera.drawn(np.random.default_rng(seed)) for seed in range(50)]
     for name, (low, high) in RANGES.items():
         values = [getattr(camera, name) for camera in cameras]
         assert low <= min(values) < max(values) <= high
