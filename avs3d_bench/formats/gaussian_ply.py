@@ -141,6 +141,17 @@ def read_gaussians(path: str | Path, most: int | None = None) -> GaussianTable:
         Avs3dError: if the file is missing, truncated, of another format, a mesh, or lacks a property.
     """
     path = Path(path)
+    check_gaussians(path, most)
+    table = read_tables(path)[1]["vertex"]
+    return table_of({name: table[name] for name in table.dtype.names or ()}, path)
+
+
+def check_gaussians(path: Path, most: int | None = None) -> None:
+    """See by its header whether a file holds splats that `read_gaussians` can read.
+
+    Raises:
+        Avs3dError: as `read_gaussians`.
+    """
     _refuse_other_formats(path)
     header = read_header(path)
     names = {prop.name for element in header.elements if element.name == "vertex" for prop in element.properties}
@@ -155,8 +166,7 @@ def read_gaussians(path: str | Path, most: int | None = None) -> GaussianTable:
         )
     if not header.vertices:
         raise Avs3dError(f"{path}: holds no Gaussians; {_PLAIN}")
-    table = read_tables(path)[1]["vertex"]
-    return table_of({name: table[name] for name in table.dtype.names or ()}, path)
+    table_of(dict.fromkeys(names, np.empty(0)), path)
 
 
 def _refuse_other_formats(path: Path) -> None:

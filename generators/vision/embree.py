@@ -176,7 +176,7 @@ class EmbreeSession:
             self._face[block] = face
             kernels.write_geometry(face, hit["tfar"], tables, depth[block], ids[block])
             self._shade(hit, directions, view, 1.0, light)
-            self._keep_centres(hit, light, block)
+            self._keep(hit, directions, view, 1.0, light, block)
             kernels.encode(light.reshape(-1), self._srgb, rgb[block].reshape(-1))
 
     def _refine_edges(self, tracer: Tracer, view: PinholeView, rgb: np.ndarray, depth: np.ndarray) -> None:
@@ -195,14 +195,19 @@ class EmbreeSession:
             kernels.sub_pixel_directions(view, chunk, SUB_PIXELS, directions)
             hit = tracer.intersect(repeated(view.origin, count), directions)
             self._shade(hit, directions, view, 0.5, light)
-            self._keep_samples(hit, light, samples, chunk)
+            self._keep(hit, directions, view, 0.5, light, chunk)
             kernels.average(light, samples, self._srgb, chunk, rgb)
 
-    def _keep_centres(self, hit: dict[str, np.ndarray], light: np.ndarray, pixels: slice) -> None:
-        """For renderers built on this one: what the rays through the centres of a run of pixels brought."""
-
-    def _keep_samples(self, hit: dict[str, np.ndarray], light: np.ndarray, samples: int, pixels: np.ndarray) -> None:
-        """For renderers built on this one: what the ``samples`` rays of each pixel at an edge brought."""
+    def _keep(
+        self,
+        hit: dict[str, np.ndarray],
+        directions: np.ndarray,
+        view: PinholeView,
+        spread: float,
+        light: np.ndarray,
+        pixels: slice | np.ndarray,
+    ) -> None:
+        """For renderers built on this one: what the rays of some pixels, as many for each, have brought."""
 
     def _shade(
         self, hit: dict[str, np.ndarray], directions: np.ndarray, view: PinholeView, spread: float, light: np.ndarray

@@ -12,15 +12,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.core.freespace import Navigable
-from generators.core.scene import F32, I32, Scene, SplatFile
+from generators.core.scene import Scene, SplatFile
+from generators.core.tone import WHITE
 from generators.vision.base import RenderedView
 from generators.vision.embree import EmbreeBackend, EmbreeSession
 from generators.vision.splats.cloud import SplatCloud, load_cloud
+from generators.vision.tables import SceneTables
 from generators.vision.views import trial_scene
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 
 #: Splats nearer to an object's surface than this (m) belong to what it stands on, not to what is before it: half the
 #: thickness of a surface of captured splats.
-TOLERANCE = 0.02
+TOLERANCE = 0.03
 #: Share of the splats that counts for where a scene is: captures have stray splats far outside.
 _INNER = (0.05, 0.95)
 
@@ -149,12 +150,14 @@ class SplatsSession(EmbreeSession):
 
         self._splats, self._cloud, self._painter = kernels, cloud, painter
         super().__init__(scene, intrinsics)
+        self._unshaded = _without_shade(self._tables)
 
     def _allocate(self) -> None:
         super()._allocate()
         pixels = self._intrinsics.width * self._intrinsics.height
         self._inserted = np.empty((pixels, 3), dtype=np.float32)
         self._behind = np.empty((pixels, 3), dtype=np.float32)
+        self._plain = np.empty((pixels, 3), dtype=np.float32)
         self._cover = np.empty(pixels, dtype=np.float32)
         self._nearest = np.empty(pixels, dtype=np.float32)
 
@@ -168,9 +171,9 @@ class SplatsSession(EmbreeSession):
         height, width = view.depth.shape
         # 1/depth of what a splat must be nearer than to be in front of the object; 0 where there is no object.
         with np.errstate(divide="ignore"):
-            cut = np.where(
-                self._cover > 0, 1.0 / np.maximum(self._nearest - TOLERANCE, self._splats.NEAR), 0.0
-            ).astype(np.float32)
+            cut = np.where(self._cover > 0, 1.0 / np.maximum(self._nearest - TOLERANCE, self._splats.NEAR), 0.0).astype(
+                np.float32
+            )
         layers = self._painter.paint(camera_of(self._intrinsics, pose), cut.reshape(height, width))
         rgb = np.empty_like(view.rgb)
         self._splats.develop(
@@ -179,25 +182,40 @@ class SplatsSession(EmbreeSession):
             self._inserted,
             self._cover,
             self._behind,
-            np.ones(height * width, dtype=np.float32),
+            self._behind if self._unshaded is None else self._plain,
             rgb.reshape(-1, 3),
         )
         return RenderedView(rgb=rgb, depth=view.depth, instance_ids=view.instance_ids)
 
-    def _keep_centres(self, hit: dict[str, NDArray[np.generic]], light: F32, pixels: slice) -> None:
-        face = hit["primID"]
-        count = np.arange(pixels.start, pixels.stop, dtype=np.int32)
-        self._keep(face, hit["tfar"], light, 1, count)
+    def _keep(
+        self,
+        hit: dict[str, np.ndarray],
+        directions: np.ndarray,
+        view: PinholeView,
+        spread: float,
+        light: np.ndarray,
+        pixels: slice | np.ndarray,
+    ) -> None:
+        """Sum up what the rays of some pixels have brought, by what they met."""
+        chosen = np.arange(pixels.start, pixels.stop, dtype=np.int32) if isinstance(pixels, slice) else pixels
+        faces, samples, tables = hit["primID"], len(light) // len(chosen), self._tables
+        self._splats.part_light(faces, light, samples, chosen, tables, self._inserted, self._behind)
+        self._splats.part_cover(faces, hit["tfar"], samples, chosen, tables, self._cover, self._nearest)
+        if self._unshaded is not None:
+            bright = np.empty_like(light)
+            distance, u, v = hit["tfar"], hit["u"], hit["v"]
+            self._kernels.shade(
+                faces, distance, u, v, directions, view, spread, self._unshaded, self._tone, WHITE, bright
+            )
+            self._splats.part_light(faces, bright, samples, chosen, tables, np.empty_like(self._plain), self._plain)
 
-    def _keep_samples(self, hit: dict[str, NDArray[np.generic]], light: F32, samples: int, pixels: I32) -> None:
-        self._keep(hit["primID"], hit["tfar"], light, samples, pixels)
 
-    def _keep(self, face: I32, distance: F32, light: F32, samples: int, pixels: I32) -> None:
-        tables = self._tables
-        self._splats.part_light(
-            face, distance, light, samples, pixels, tables.instance, tables.surface,
-            self._inserted, self._behind, self._cover, self._nearest,
-        )  # fmt: skip
+def _without_shade(tables: SceneTables) -> SceneTables | None:
+    """The tables without the shade that objects cast on the scan's pictures; None if they cast none."""
+    shaded = (tables.developed > 0) & (tables.light >= 0)
+    if not shaded.any():
+        return None
+    return tables._replace(light=np.where(shaded, np.int32(-1), tables.light))
 
 
 def camera_of(intrinsics: Intrinsics, pose: Pose) -> SplatCamera:

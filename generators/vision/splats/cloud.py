@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ MOST_GAUSSIANS = 8_000_000
 #: Largest share of Gaussians that may hold NaN or infinite numbers; those are left out.
 MOST_BROKEN = 0.01
 #: Less opacity than this is never seen: the rasteriser skips α below 1/255.
-_LEAST_OPACITY = 1.0 / 255.0
+LEAST_OPACITY = 1.0 / 255.0
 #: Standard deviations are at most this (m): one Gaussian then fills the picture whatever it was meant to be.
 _LARGEST = 1e4
 #: Gaussians that are turned at once: bounds the memory for matrices in double precision.
@@ -56,25 +56,28 @@ def load_cloud(file: SplatFile) -> SplatCloud:
         Avs3dError: if it is missing, no plain PLY of splats, too large, empty, or damaged.
     """
     table = read_gaussians(file.path, MOST_GAUSSIANS)
-    with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(over="ignore"):  # of an infinite logit
         opacities = 1.0 / (1.0 + np.exp(-table.opacities.astype(np.float64)))
-        whole = np.isfinite(opacities) & (table.log_scales < np.log(_LARGEST)).all(axis=1)
-        for values in (table.means, table.log_scales, table.rotations, table.sh):
-            # A standard deviation of 0 is a disc: its logarithm may be −∞.
-            finite = ~np.isnan(values) if values is table.log_scales else np.isfinite(values)
-            whole &= finite.reshape(len(table), -1).all(axis=1)
-        whole &= (table.rotations != 0).any(axis=1)
-    broken = len(table) - int(whole.sum())
-    if broken > MOST_BROKEN * len(table):
+    whole = _is_whole(table) & np.isfinite(opacities)
+    broken, count = len(table) - int(whole.sum()), len(table)
+    if broken > MOST_BROKEN * count:
         raise Avs3dError(
-            f"{file.path}: {broken:,} of {len(table):,} Gaussians hold NaN or infinite numbers; expected at most "
+            f"{file.path}: {broken:,} of {count:,} Gaussians hold NaN or infinite numbers; expected at most "
             f"{MOST_BROKEN:.0%}; export the scene again"
         )
-    seen = whole & (opacities >= _LEAST_OPACITY)
+    seen = whole & (opacities >= LEAST_OPACITY)
     if not seen.any():
-        raise Avs3dError(f"{file.path}: none of its {len(table):,} Gaussians is opaque enough to be seen; export it again")
-    kept = GaussianTable(*(each[seen] for each in (table.means, table.log_scales, table.rotations, table.opacities, table.sh)))
+        raise Avs3dError(f"{file.path}: none of its {count:,} Gaussians is opaque enough to be seen; export it again")
+    kept = GaussianTable(*(getattr(table, field.name)[seen] for field in fields(table)))
     return transformed(kept, opacities[seen].astype(np.float32), file.to_world)
+
+
+def _is_whole(table: GaussianTable) -> NDArray[np.bool_]:
+    """(N,) whether all numbers but the opacity can be used; a disc's standard deviation of 0 has the logarithm −∞."""
+    whole = (table.rotations != 0).any(axis=1) & (table.log_scales < np.log(_LARGEST)).all(axis=1)
+    for values in (table.means, table.rotations, table.sh):
+        whole &= np.isfinite(values).reshape(len(table), -1).all(axis=1)
+    return whole
 
 
 def transformed(table: GaussianTable, opacities: F32, to_world: Array) -> SplatCloud:

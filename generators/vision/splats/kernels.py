@@ -8,9 +8,9 @@ equal ones by their number; a pixel ends before its transmittance would fall to 
 
 Beside the whole picture, each pixel with an object in it gets the sums of what is in front of the object. Whether a
 Gaussian is in front is decided in each pixel, by the depth at which its density along the pixel's ray is greatest: with
-covariance Σ of (column, row, depth) in the affine approximation, z + Σ_zu Σ_uu⁻¹ (u − μ) (the conditional mean). A table
-is made of discs as large as a hand; by the depth of their centres, those behind an object's foot would cover it. 1/z is
-taken to be linear instead of z, which is exact for discs.
+covariance Σ of (column, row, depth) in the affine approximation, z + Σ_zu Σ_uu⁻¹ (u − μ), the conditional mean. (A table
+is made of discs as large as a hand. By the depth of their centres, those that reach behind an object's foot would cover
+it.) 1/z is taken to be linear instead of z, which is exact for discs.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from generators.core.jit import inline, njit
 from generators.core.scene import F32, I32
+from generators.vision.tables import SceneTables
 
 F64 = NDArray[np.float64]
 U8 = NDArray[np.uint8]
@@ -37,6 +38,8 @@ NEAR = 0.05
 MARGIN = 0.3
 #: Side of a tile (pixels).
 TILE = 16
+#: Linear display light of the mesh below which its shade is not measured, and the most that objects brighten it.
+DARKEST, BRIGHTENED = 1e-3, 2.0
 #: Columns of `project`'s rows: centre, inverse covariance, α, colour, 1/depth and its slopes, 2·ln(α/MIN_ALPHA).
 ROW = 13
 
@@ -100,6 +103,13 @@ def _dot(a: tuple[float, float, float], x: float, y: float, z: float) -> float:
     return a[0] * x + a[1] * y + a[2] * z
 
 
+@inline
+def _slanted(
+    axis: tuple[float, float, float], ahead: tuple[float, float, float], slope: float
+) -> tuple[float, float, float]:
+    return axis[0] - slope * ahead[0], axis[1] - slope * ahead[1], axis[2] - slope * ahead[2]
+
+
 @njit
 def project(
     means: F32, covariances: F32, opacities: F32, sh: F32, camera: SplatCamera, rows: F32, boxes: I32, depths: F32
@@ -133,8 +143,8 @@ def project(
         u, v = _dot(camera.right, px, py, pz) / z, _dot(camera.down, px, py, pz) / z
         eu, ev = min(max(u, least_u), most_u), min(max(v, least_v), most_v)
         # Rows of the Jacobian times world-to-camera.
-        ux, uy, uz = camera.right[0] - eu * camera.ahead[0], camera.right[1] - eu * camera.ahead[1], camera.right[2] - eu * camera.ahead[2]
-        vx, vy, vz = camera.down[0] - ev * camera.ahead[0], camera.down[1] - ev * camera.ahead[1], camera.down[2] - ev * camera.ahead[2]
+        ux, uy, uz = _slanted(camera.right, camera.ahead, eu)
+        vx, vy, vz = _slanted(camera.down, camera.ahead, ev)
         sxx, sxy, sxz = float(covariances[i, 0]), float(covariances[i, 1]), float(covariances[i, 2])
         syy, syz, szz = float(covariances[i, 3]), float(covariances[i, 4]), float(covariances[i, 5])
         # Σ·u and Σ·v.
@@ -240,7 +250,7 @@ def composite(
                     continue
                 half = math.sqrt(half) * inverse
                 middle = mu - b * dy * inverse - np.float32(0.5)
-                first, last = max(x0, int(math.ceil(middle - half))), min(x1 - 1, int(math.floor(middle + half)))
+                first, last = max(x0, math.ceil(middle - half)), min(x1 - 1, math.floor(middle + half))
                 for x in range(first, last + 1):
                     state = is_open[y - y0, x - x0]
                     if state == 0:
@@ -292,7 +302,7 @@ def _decoded(value: float) -> float:
 
 
 @njit
-def develop(whole: F32, front: F32, inserted: F32, cover: F32, behind: F32, shade: F32, out: U8) -> None:
+def develop(whole: F32, front: F32, inserted: F32, cover: F32, behind: F32, plain: F32, out: U8) -> None:
     """The picture of P pixels, from what splats, objects and mesh show in them.
 
     Splats were fitted to pictures, so light is attenuated in sRGB values, as they are composited; the shares of a pixel
@@ -304,55 +314,74 @@ def develop(whole: F32, front: F32, inserted: F32, cover: F32, behind: F32, shad
         inserted: (P, 3) linear display light of the objects times the share ``cover``.
         cover: (P,) share of the pixel in which an object is visible.
         behind: (P, 3) linear display light of the mesh times 1 − ``cover``: it is seen where splats are transparent.
-        shade: (P,) light that the objects leave, 0 to 1.
+        plain: (P, 3) ``behind`` without the shade of the objects: what is seen of the splats is dimmed as the mesh is.
         out: (P, 3) 8-bit sRGB.
     """
     for i in range(out.shape[0]):
         share = float(cover[i])
         for k in range(3):
-            value = 0.0
+            light = 0.0
             if share < 1.0:
-                value = whole[i, k] + whole[i, 3] * _encoded(behind[i, k] / (1.0 - share))
-            if share > 0.0 or shade[i] != 1.0:
-                light = (1.0 - share) * shade[i] * _decoded(value)
-                if share > 0.0:
-                    light += share * _decoded(front[i, k] + front[i, 3] * _encoded(inserted[i, k] / share))
-                value = _encoded(light)
-            out[i, k] = int(255.0 * min(max(value, 0.0), 1.0) + 0.5)
+                value = whole[i, k] + whole[i, 3] * _encoded(plain[i, k] / (1.0 - share))
+                shade = behind[i, k] / plain[i, k] if plain[i, k] > DARKEST else 1.0
+                if share == 0.0 and shade == 1.0:
+                    out[i, k] = int(255.0 * min(max(value, 0.0), 1.0) + 0.5)
+                    continue
+                light = (1.0 - share) * min(shade, BRIGHTENED) * _decoded(value)
+            if share > 0.0:
+                light += share * _decoded(front[i, k] + front[i, 3] * _encoded(inserted[i, k] / share))
+            out[i, k] = int(255.0 * _encoded(light) + 0.5)
 
 
 @njit
 def part_light(
-    face: I32, distance: F32, light: F32, samples: int, pixels: I32, instance: NDArray[np.uint16], surface: I32,
-    inserted: F32, behind: F32, cover: F32, nearest: F32,
-) -> None:  # fmt: skip
+    face: I32, light: F32, samples: int, pixels: I32, tables: SceneTables, inserted: F32, behind: F32
+) -> None:
     """Sum up the light of P pixels by what gives it: objects, or the mesh.
 
     Args:
         face: (P·samples,) what each ray meets, −1 for nothing.
-        distance: (P·samples,) depth along the optical axis, metres.
         light: (P·samples, 3) linear display light.
         samples: rays per pixel.
         pixels: (P,) which rows of the following arrays.
-        instance: (S,) instance id by surface.
-        surface: (F,) surface by face.
-        inserted: (H·W, 3) mean light of the rays that meet objects, the others being 0; ``behind`` that of the others.
-        behind: see ``inserted``.
-        cover: (H·W,) share of the rays that meet objects.
-        nearest: (H·W,) least depth of an object; infinite where there is none.
+        tables: of the scene.
+        inserted: (H·W, 3) is set to the mean light of the rays, those counting 0 that meet no object.
+        behind: (H·W, 3) is set to that of the others.
     """
     weight = np.float32(1.0 / samples)
     for i in range(pixels.shape[0]):
         pixel = pixels[i]
-        cover[pixel], nearest[pixel] = np.float32(0.0), np.float32(np.inf)
         for k in range(3):
             inserted[pixel, k] = behind[pixel, k] = np.float32(0.0)
         for j in range(i * samples, (i + 1) * samples):
-            if face[j] >= 0 and instance[surface[face[j]]] > 0:
-                cover[pixel] += weight
-                nearest[pixel] = min(nearest[pixel], distance[j])
-                for k in range(3):
+            is_object = face[j] >= 0 and tables.instance[tables.surface[face[j]]] > 0
+            for k in range(3):
+                if is_object:
                     inserted[pixel, k] += weight * light[j, k]
-            else:
-                for k in range(3):
+                else:
                     behind[pixel, k] += weight * light[j, k]
+
+
+@njit
+def part_cover(
+    face: I32, distance: F32, samples: int, pixels: I32, tables: SceneTables, cover: F32, nearest: F32
+) -> None:
+    """Find the share of P pixels in which objects are visible, and how near these are.
+
+    Args:
+        face: (P·samples,) what each ray meets, −1 for nothing.
+        distance: (P·samples,) depth along the optical axis, metres.
+        samples: rays per pixel.
+        pixels: (P,) which rows of the following arrays.
+        tables: of the scene.
+        cover: (H·W,) is set to the share of the rays that meet objects.
+        nearest: (H·W,) is set to the least depth of an object; infinite where there is none.
+    """
+    for i in range(pixels.shape[0]):
+        pixel = pixels[i]
+        met, nearest[pixel] = 0, np.float32(np.inf)
+        for j in range(i * samples, (i + 1) * samples):
+            if face[j] >= 0 and tables.instance[tables.surface[face[j]]] > 0:
+                met += 1
+                nearest[pixel] = min(nearest[pixel], distance[j])
+        cover[pixel] = np.float32(met / samples)

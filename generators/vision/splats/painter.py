@@ -33,7 +33,8 @@ class SplatLayers:
     def depth(self) -> F32:
         """(H, W) float32 expected depth along the optical axis (m): by the mean of 1/z; 0 where there is nothing."""
         light = 1.0 - self.whole[..., 3]
-        return np.divide(light, self.whole[..., 4], out=np.zeros_like(light), where=self.whole[..., 4] > 0)
+        out: F32 = np.divide(light, self.whole[..., 4], out=np.zeros_like(light), where=self.whole[..., 4] > 0)
+        return out
 
 
 class Painter(Protocol):
@@ -65,9 +66,7 @@ class NumbaPainter:
         cloud, count = self._cloud, len(self._cloud)
         rows = np.empty((count, kernels.ROW), dtype=np.float32)
         boxes, depths = np.empty((count, 4), dtype=np.int32), np.empty(count, dtype=np.float32)
-        found = kernels.project(
-            cloud.means, cloud.covariances, cloud.opacities, cloud.sh, camera, rows, boxes, depths
-        )
+        found = kernels.project(cloud.means, cloud.covariances, cloud.opacities, cloud.sh, camera, rows, boxes, depths)
         order = np.argsort(depths[:found], kind="stable")
         rows, boxes = rows[order], boxes[order]
         wide = -(-camera.width // kernels.TILE)
