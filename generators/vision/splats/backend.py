@@ -150,7 +150,14 @@ class SplatsSession(EmbreeSession):
 
         self._splats, self._cloud, self._painter = kernels, cloud, painter
         super().__init__(scene, intrinsics)
-        self._unshaded = _without_shade(self._tables)
+        self._unshaded = self._without_shade()
+
+    def _without_shade(self) -> SceneTables | None:
+        """The tables without the shade that objects cast on the scan's pictures; None if they cast none."""
+        shaded = (self._tables.developed > 0) & (self._tables.light >= 0)
+        if not shaded.any():
+            return None
+        return self._tables._replace(light=np.where(shaded, np.int32(-1), self._tables.light))
 
     def _allocate(self) -> None:
         super()._allocate()
@@ -208,14 +215,6 @@ class SplatsSession(EmbreeSession):
                 faces, distance, u, v, directions, view, spread, self._unshaded, self._tone, WHITE, bright
             )
             self._splats.part_light(faces, bright, samples, chosen, tables, np.empty_like(self._plain), self._plain)
-
-
-def _without_shade(tables: SceneTables) -> SceneTables | None:
-    """The tables without the shade that objects cast on the scan's pictures; None if they cast none."""
-    shaded = (tables.developed > 0) & (tables.light >= 0)
-    if not shaded.any():
-        return None
-    return tables._replace(light=np.where(shaded, np.int32(-1), tables.light))
 
 
 def camera_of(intrinsics: Intrinsics, pose: Pose) -> SplatCamera:

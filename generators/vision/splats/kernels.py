@@ -8,9 +8,9 @@ equal ones by their number; a pixel ends before its transmittance would fall to 
 
 Beside the whole picture, each pixel with an object in it gets the sums of what is in front of the object. Whether a
 Gaussian is in front is decided in each pixel, by the depth at which its density along the pixel's ray is greatest: with
-covariance Σ of (column, row, depth) in the affine approximation, z + Σ_zu Σ_uu⁻¹ (u − μ), the conditional mean. (A table
-is made of discs as large as a hand. By the depth of their centres, those that reach behind an object's foot would cover
-it.) 1/z is taken to be linear instead of z, which is exact for discs.
+covariance Σ of (column, row, depth) in the affine approximation, z + Σ_zu Σ_uu⁻¹ (u − μ), the conditional mean. (Tables
+are made of discs as large as a hand. By the depth of their centres, those that reach behind an object would cover it
+there.) 1/z is taken to be linear instead of z, which is exact for discs.
 """
 
 from __future__ import annotations
