@@ -55,9 +55,7 @@ class SplatsBackend:
         Raises:
             Avs3dError: on CUDA, if gsplat is missing or does not work.
         """
-        from generators.vision.splats.painter import painter_version
-
-        return f"embreex {EmbreeBackend().version}, {painter_version(self._device)}"
+        return f"embreex {EmbreeBackend().version}, {_painter_version(self._device)}"
 
     def warm_up(self) -> None:
         """Compile the kernels, or wait for another process that does.
@@ -67,7 +65,6 @@ class SplatsBackend:
         """
         from generators.core.jit import compile_lock
         from generators.vision.embree import warm_up
-        from generators.vision.splats.painter import painter
 
         warm_up()
         scene, camera, pose = trial_scene()
@@ -78,7 +75,7 @@ class SplatsBackend:
             sh=np.zeros((1, 1, 3), dtype=np.float32),
         )
         with compile_lock("splats"):
-            session = SplatsSession(scene, camera, cloud, painter(cloud, self._device))
+            session = SplatsSession(scene, camera, cloud, _painter(cloud, self._device))
             session.render(pose)
             session.close()
 
@@ -89,19 +86,48 @@ class SplatsBackend:
             Avs3dError: for a scene or camera that cannot be rendered, a scene without splats, a file of splats that is
                 broken or of another place, or a missing package.
         """
-        from generators.vision.splats.painter import painter
-
         if scene.splats is None:
             raise Avs3dError(
                 f"{scene.name}: has no splats to draw; give the scan `splats: FILE.ply` in the manifest, or choose "
                 "another --vision"
             )
         cloud = _load(scene.splats, scene)
-        return SplatsSession(scene, intrinsics, cloud, painter(cloud, self._device))
+        return SplatsSession(scene, intrinsics, cloud, _painter(cloud, self._device))
 
     def navigable(self, home: Scene) -> Navigable | None:
         """None: there is no navigation mesh besides the free space that generators/core/freespace.py measures."""
         return None
+
+
+def _painter(cloud: SplatCloud, device: str) -> Painter:
+    """What draws ``cloud`` on a device.
+
+    Raises:
+        Avs3dError: on CUDA, if gsplat is missing or does not work.
+    """
+    if device == "cpu":
+        from generators.vision.splats.painter import NumbaPainter
+
+        return NumbaPainter(cloud)
+    from generators.vision.splats.gsplat_painter import GsplatPainter
+
+    return GsplatPainter(cloud, device)
+
+
+@lru_cache(maxsize=4)
+def _painter_version(device: str) -> str:
+    """What draws on a device, with its version.
+
+    Raises:
+        Avs3dError: on CUDA, if gsplat is missing or does not work.
+    """
+    if device == "cpu":
+        import numba
+
+        return f"numba {numba.__version__}"
+    from generators.vision.splats.gsplat_painter import gsplat_version
+
+    return gsplat_version()
 
 
 def _load(file: SplatFile, scene: Scene) -> SplatCloud:

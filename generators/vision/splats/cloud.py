@@ -74,7 +74,7 @@ def load_cloud(file: SplatFile) -> SplatCloud:
 
 def _is_whole(table: GaussianTable) -> NDArray[np.bool_]:
     """(N,) whether all numbers but the opacity can be used; a disc's standard deviation of 0 has the logarithm −∞."""
-    whole = (table.rotations != 0).any(axis=1) & (table.log_scales < np.log(_LARGEST)).all(axis=1)
+    whole: NDArray[np.bool_] = (table.rotations != 0).any(axis=1) & (table.log_scales < np.log(_LARGEST)).all(axis=1)
     for values in (table.means, table.rotations, table.sh):
         whole &= np.isfinite(values).reshape(len(table), -1).all(axis=1)
     return whole

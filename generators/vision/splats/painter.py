@@ -1,9 +1,8 @@
-"""What draws splats: our own rasteriser on the CPU, or gsplat on CUDA."""
+"""What draws splats: the protocol, and our own rasteriser on the CPU."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -86,32 +85,3 @@ def empty_layers(camera: SplatCamera) -> SplatLayers:
     front = np.zeros((camera.height, camera.width, 4), dtype=np.float32)
     whole[..., 3] = front[..., 3] = 1.0
     return SplatLayers(whole, front)
-
-
-def painter(cloud: SplatCloud, device: str) -> Painter:
-    """What draws ``cloud`` on a device.
-
-    Raises:
-        Avs3dError: on CUDA, if gsplat is missing or does not work.
-    """
-    if device == "cpu":
-        return NumbaPainter(cloud)
-    from generators.vision.splats.gsplat_painter import GsplatPainter
-
-    return GsplatPainter(cloud, device)
-
-
-@lru_cache(maxsize=4)
-def painter_version(device: str) -> str:
-    """What draws on a device, with its version.
-
-    Raises:
-        Avs3dError: on CUDA, if gsplat is missing or does not work.
-    """
-    if device == "cpu":
-        import numba
-
-        return f"numba {numba.__version__}"
-    from generators.vision.splats.gsplat_painter import gsplat_version
-
-    return gsplat_version()
