@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 #: Splats nearer to an object's surface than this (m) belong to what it stands on, not to what is before it: half the
 #: thickness of a surface of captured splats.
 TOLERANCE = 0.03
-#: Share of the splats that counts for where a scene is: captures have stray splats far outside.
-_INNER = (0.05, 0.95)
 
 
 class SplatsBackend:
@@ -99,8 +97,9 @@ class SplatsBackend:
         return None
 
 
+@lru_cache(maxsize=1)
 def _painter(cloud: SplatCloud, device: str) -> Painter:
-    """What draws ``cloud`` on a device.
+    """What draws ``cloud`` on a device; it stays while an object moves and the scene is opened every second.
 
     Raises:
         Avs3dError: on CUDA, if gsplat is missing or does not work.
@@ -157,7 +156,7 @@ def _check_place(cloud: SplatCloud, scene: Scene, path: Path) -> None:
     if not parts:
         return
     mesh = np.stack([np.min([b[0] for b in parts], axis=0), np.max([b[1] for b in parts], axis=0)]).astype(np.float64)
-    splats = np.quantile(cloud.means.astype(np.float64), _INNER, axis=0)
+    splats = cloud.inner_box
     overlap = np.minimum(mesh[1], splats[1]) - np.maximum(mesh[0], splats[0])
     least = 0.5 * np.minimum(mesh[1] - mesh[0], splats[1] - splats[0])
     if (overlap < least).any():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,8 @@ MOST_BROKEN = 0.01
 LEAST_OPACITY = 1.0 / 255.0
 #: Standard deviations are at most this (m): one Gaussian then fills the picture whatever it was meant to be.
 _LARGEST = 1e4
+#: Share of the splats along each axis that counts for where a scene is.
+_INNER = (0.05, 0.95)
 #: Gaussians that are turned at once: bounds the memory for matrices in double precision.
 _CHUNK = 1 << 18
 #: Directions from which the rotation of spherical harmonics is found: more than the 7 functions of degree 3.
@@ -47,6 +50,11 @@ class SplatCloud:
 
     def __len__(self) -> int:
         return len(self.means)
+
+    @cached_property
+    def inner_box(self) -> Array:
+        """(2, 3) lowest and highest corner (m) of most of the splats: captures have stray ones far outside."""
+        return np.quantile(self.means.astype(np.float64), _INNER, axis=0)
 
 
 def load_cloud(file: SplatFile) -> SplatCloud:
