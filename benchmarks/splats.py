@@ -3,8 +3,8 @@
     python -m benchmarks.splats SCAN.glb --eye X Y Z
 
 The splats are discs that are sampled on the scan's surface, with the colours of its texels. Prints, for several numbers
-of them, the PSNR to the pictures of the mesh and the seconds of one core per frame; then the share of a box's light that
-rough floors of discs take from it.
+of them, the PSNR to the pictures of the mesh and the seconds of one core per frame; then the share of a box's light
+that rough floors of discs take from it.
 """
 
 from __future__ import annotations
@@ -72,8 +72,8 @@ def likeness(mesh: Mesh, path: Path, count: int, size: int, eye: tuple[float, fl
         rows.append((10 * np.log10(255**2 / error), middle - start, time.thread_time() - middle))
     decibels, seconds, mesh_seconds = np.array(rows).T
     print(
-        f"{count:,} Gaussians at {size}²: PSNR {decibels.min():.1f} to {decibels.max():.1f} dB, {seconds.mean():.2f} s, "
-        f"of which the mesh {mesh_seconds.mean():.2f} s"
+        f"{count:,} Gaussians at {size}²: PSNR {decibels.min():.1f} to {decibels.max():.1f} dB, "
+        f"{seconds.mean():.2f} s, of which the mesh {mesh_seconds.mean():.2f} s"
     )
 
 
