@@ -132,7 +132,7 @@ def stages(gaussians: Gaussians, view: RegisteredView, rasteriser: Rasteriser) -
 
 def cold_start() -> dict[str, Any]:
     """Load gsplat in two processes at once with an empty folder of extensions: both must work, from one build."""
-    load = "from baselines.echosegnet.rasteriser.kernels import gsplat; gsplat()"
+    load = "from avs3d_bench.scheduling.gsplat_kernels import gsplat; gsplat()"
     with tempfile.TemporaryDirectory() as folder:
         begin = time.perf_counter()
         pair = [

@@ -22,20 +22,29 @@ VISION = {
     "cuda": "generators.vision.cuda:CudaBackend",
     "habitat": "generators.vision.habitat:HabitatBackend",
     "pathtraced": "generators.vision.pathtraced:PathtracedBackend",
+    "splats": "generators.vision.splats.backend:SplatsBackend",
 }
 ACOUSTIC = {
     "soundspaces": "generators.acoustics.soundspaces:SoundSpacesBackend",
     "tracer": "generators.acoustics.tracer.backend:TracerBackend",
     "analytic": "generators.acoustics.analytic:AnalyticBackend",
 }
+#: Renderers built on others, and on which: these count as used.
+BUILT_ON = {"pathtraced": ("embree",), "splats": ("embree",)}
+#: Renderers that draw on the device of ``--device``, whatever it is.
+VISION_ON_DEVICE = ("splats",)
 #: Acoustic engines that work on the device of ``--device``.
 ON_DEVICE = ("tracer",)
 #: Acoustic engines whose random numbers have a seed.
 SEEDED = ("tracer", "analytic")
 
 
-def vision_backend(name: str) -> VisionBackend:
+def vision_backend(name: str, device: str = "cpu") -> VisionBackend:
     """The renderer called ``name``.
+
+    Args:
+        name: one of `VISION`.
+        device: where it draws, if it can choose.
 
     Raises:
         UsageError: if there is none of that name.
@@ -43,7 +52,8 @@ def vision_backend(name: str) -> VisionBackend:
     """
     if name not in VISION:
         raise UsageError(f"unknown vision backend {name!r}: expected {_any_of(VISION)}")
-    backend: VisionBackend = import_by_name(VISION[name])()
+    arguments = {"device": device} if device != "cpu" and name in VISION_ON_DEVICE else {}
+    backend: VisionBackend = import_by_name(VISION[name])(**arguments)
     return backend
 
 
@@ -83,7 +93,7 @@ def warm_up(options: EngineOptions) -> None:
         UsageError: if there is no renderer or engine of that name.
         Avs3dError: if what it needs is not installed.
     """
-    vision_backend(options.renderer).warm_up()
+    vision_backend(options.renderer, options.device).warm_up()
     engine = acoustic_backend(options)
     if isinstance(engine, CompiledBackend):
         engine.warm_up()
@@ -97,7 +107,8 @@ def _any_of(names: Iterable[str]) -> str:
 
 def unused_backends(options: EngineOptions) -> tuple[str, ...]:
     """The entries of the backends and ray tracers that are not chosen, and so never run."""
-    unused = [entry for name, entry in VISION.items() if name != options.renderer]
+    drawing = (options.renderer, *BUILT_ON.get(options.renderer, ()))
+    unused = [entry for name, entry in VISION.items() if name not in drawing]
     unused += [entry for name, entry in ACOUSTIC.items() if name != options.engine]
     return (*unused, *(entry for name, entry in TRACERS.items() if name not in ("cpu", options.device)))
 
@@ -114,7 +125,7 @@ def backend_versions(options: EngineOptions) -> dict[str, str]:
         UsageError: if there is no backend of that name.
         Avs3dError: if what a backend needs is not installed, or the device cannot be used.
     """
-    renderer = vision_backend(options.renderer)
+    renderer = vision_backend(options.renderer, options.device)
     engine = acoustic_backend(EngineOptions(audio=options.audio, device=options.device))
     device = options.device
     return {

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from avs3d_bench.contract.schema import Scalar
 
 #: Renderers, acoustic engines, devices, and optional folders of an observation.
-Vision = Literal["embree", "cuda", "habitat", "pathtraced"]
+Vision = Literal["embree", "cuda", "habitat", "pathtraced", "splats"]
 Audio = Literal["soundspaces", "tracer", "analytic"]
 Device = Literal["cpu", "cuda"]
 CameraName = Literal["ideal", "phone"]
@@ -48,7 +48,8 @@ class EngineOptions:
     ``plan.options.NAME``. Records, ``--regenerate`` and ``avs3d unseal`` follow. See docs/extending-generator.md.
 
     Attributes:
-        vision: renderer; None: that of the device, embree or cuda. habitat needs ``$AVS3D_HABITAT_PYTHON``.
+        vision: renderer; None: that of the device, embree or cuda. habitat needs ``$AVS3D_HABITAT_PYTHON``, splats a
+            scan with splats.
         audio: acoustic engine; soundspaces needs rlr-audio-propagation (CC-BY-NC 4.0). None: the manifest's, else the
             tracer.
         device: draws the pictures, bakes the light and, with the tracer, traces the sound; cuda needs ``[cuda]``.

@@ -33,6 +33,10 @@ from generators.scans.files import ScanFiles, digest, find_scan_files, scan_file
 SECRET_SEEDS = 2**64
 #: Number of seeds of an acoustic engine: a word, which every reader of JSON keeps.
 ENGINE_SEEDS = 2**32
+#: What a home needs to be drawn by splats.
+_NO_SPLATS = (
+    "captured scenes; add `splats: FILE.ply` to a scan of the manifest (docs/scans.md), or choose another --vision"
+)
 
 
 class OptionalFiles(TypedDict):
@@ -244,12 +248,19 @@ class ObservationPlan:
         """The files of its scan.
 
         Raises:
-            Avs3dError: if the file that the manifest names is missing, or no scan of that id is found.
+            Avs3dError: if a file that the manifest names is missing, no scan of that id is found, or it has no splats
+                and they are to be drawn.
         """
         root, name = scans_root(self.base, self.options.scans), self.scan.file
         if name:
-            return scan_files_of(resolve_file(root, name, f"scan {self.spec.scan}"))
-        return find_scan_files(self.spec.scan, root)
+            found = scan_files_of(resolve_file(root, name, f"scan {self.spec.scan}"))
+        else:
+            found = find_scan_files(self.spec.scan, root)
+        if self.options.renderer != "splats":
+            return found
+        if not self.scan.splats:
+            raise Avs3dError(f"scan {self.spec.scan}: --vision splats draws {_NO_SPLATS}")
+        return replace(found, splats=resolve_file(root, self.scan.splats, f"splats of scan {self.spec.scan}"))
 
     @property
     def material_file(self) -> Path | None:
@@ -261,14 +272,24 @@ class ObservationPlan:
         name = self.scan.materials
         return resolve_file(self.base, name, f"material file of scan {self.spec.scan}") if name else None
 
+    def check_home(self) -> None:
+        """See whether the files of its scan are there, and whether the renderer can draw such a home.
+
+        Raises:
+            Avs3dError: naming what is missing.
+        """
+        if self.scan.source == "scan":
+            _ = self.scan_files, self.material_file
+        elif self.options.renderer == "splats":
+            raise Avs3dError(f"{self.spec.scan} is a procedural home; --vision splats draws {_NO_SPLATS}")
+
     def check_files(self) -> None:
         """See whether all files that the observation may use are there; what they hold is not looked at.
 
         Raises:
             Avs3dError: naming the first one that is missing.
         """
-        if self.scan.source == "scan":
-            _ = self.scan_files, self.material_file
+        self.check_home()
         for kind, items in (("mesh", self.object_items), ("sound", self.sound_items)):
             for category, item in items:
                 if item.file is not None:
@@ -456,10 +477,8 @@ def check_scans(plans: Sequence[ObservationPlan]) -> None:
     """
     missing: dict[str, Avs3dError] = {}
     for plan in {plan.spec.scan: plan for plan in plans}.values():
-        if plan.scan.source != "scan":
-            return
         try:
-            _ = plan.scan_files
+            plan.check_home()
             return
         except Avs3dError as error:
             missing[plan.spec.scan] = error

@@ -180,6 +180,7 @@ LEFT_OUT = frozenset(
 BACKENDS: Mapping[str, tuple[str, ...]] = {
     "generators.acoustics.tracer.backend": ("generators.acoustics.tracer",),
     "generators.vision.cuda": ("generators.vision.device_kernels",),
+    "generators.vision.splats.backend": ("generators.vision.splats",),
     "generators.vision.habitat": ("generators.vision.habitat_process", "generators.vision.habitat_worker"),
     "generators.vision.pathtraced": ("generators.vision.mitsuba_scene",),
 }

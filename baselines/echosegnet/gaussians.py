@@ -3,8 +3,7 @@
 The parameters are those of 3D-GS (Kerbl et al. 2023) before activation: scales as logarithms, opacities as logits,
 rotations as quaternions (w, x, y, z) of any norm, colour as real spherical harmonics with the mean colour at 0.5.
 
-PLY layout of the reference, binary little endian, float32: x y z nx ny nz, f_dc_0…2, f_rest_0…44 (channel-major: all of
-red, then green, then blue), opacity, scale_0…2, rot_0…3; here also ``audio_intensity`` where it is known.
+The files have the layout of `avs3d_bench.formats.gaussian_ply`, and ``audio_intensity`` as well where it is known.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.formats.ply import write_tables
+from avs3d_bench.formats.gaussian_ply import GaussianTable, table_of, write_gaussians
 from avs3d_bench.formats.ply_reader import read_tables
 
 #: The constant spherical harmonic, ½·√(1/π).
@@ -137,14 +136,6 @@ def from_points(xyz: ArrayLike, rgb: ArrayLike, *, sh_degree: int = 3) -> Gaussi
     return Gaussians(*(torch.from_numpy(np.ascontiguousarray(part, dtype=np.float32)) for part in parts))
 
 
-def _columns(bands: int) -> list[str]:
-    rest = [f"f_rest_{i}" for i in range(3 * (bands - 1))]
-    return [
-        *("x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"), *rest, "opacity",
-        *("scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"),
-    ]  # fmt: skip
-
-
 def write_ply(path: str | Path, gaussians: Gaussians, audio_intensity: ArrayLike | Tensor | None = None) -> None:
     """Write a PLY in the reference layout, atomically.
 
@@ -156,27 +147,15 @@ def write_ply(path: str | Path, gaussians: Gaussians, audio_intensity: ArrayLike
     Raises:
         Avs3dError: if a number is not finite, lengths differ, or the system refuses.
     """
-    count, bands = len(gaussians), gaussians.sh.shape[1]
-    sh = _numpy(gaussians.sh)
-    table = np.concatenate(
-        [
-            _numpy(gaussians.means), np.zeros((count, 3)), sh[:, 0],
-            sh[:, 1:].transpose(0, 2, 1).reshape(count, 3 * (bands - 1)), _numpy(gaussians.opacities)[:, None],
-            _numpy(gaussians.log_scales), _numpy(gaussians.rotations),
-        ],
-        axis=1,
-    )  # fmt: skip
-    names = _columns(bands)
+    further = {}
     if audio_intensity is not None:
-        intensity = _numpy(audio_intensity)
-        if intensity.shape != (count,):
-            raise Avs3dError(f"{path}: audio_intensity has shape {intensity.shape}, expected ({count},)")
-        table, names = np.column_stack([table, intensity]), [*names, _INTENSITY]
-    if not np.isfinite(table).all():
-        bad = names[int(np.argwhere(~np.isfinite(table))[0, 1])]
-        raise Avs3dError(f"{path}: {bad} holds NaN or infinite numbers; the training diverged")
-    rows = np.ascontiguousarray(table, dtype="<f4").view([(name, "<f4") for name in names])
-    write_tables(path, {"vertex": rows.reshape(count)})
+        further[_INTENSITY] = _numpy(audio_intensity)
+        if further[_INTENSITY].shape != (len(gaussians),):
+            raise Avs3dError(
+                f"{path}: audio_intensity has shape {further[_INTENSITY].shape}, expected ({len(gaussians)},)"
+            )
+    table = GaussianTable(*(_numpy(getattr(gaussians, field.name)) for field in fields(Gaussians)))
+    write_gaussians(path, table, further, "; the training diverged")
 
 
 def _numpy(values: ArrayLike | Tensor) -> NDArray[Any]:
@@ -204,29 +183,8 @@ def read_ply(path: str | Path) -> Gaussians:
     Raises:
         Avs3dError: if the file is missing, truncated, or lacks a property.
     """
-    table = _read_table(path)
-    rest = sum(name.startswith("f_rest_") for name in table)
-    names = _columns(rest // 3 + 1)
-    missing = [name for name in names if name not in table and name not in ("nx", "ny", "nz")]
-    if missing or rest not in (0, 9, 24, 45):
-        what = f"no property {missing[0]}" if missing else f"{rest} properties f_rest_*"
-        raise Avs3dError(f"{path}: {what}; expected the layout of 3D-GS")
-
-    def take(*wanted: str) -> Tensor:
-        return torch.from_numpy(np.stack([table[name] for name in wanted], axis=1).astype(np.float32))
-
-    count = len(table["x"])
-    sh = take("f_dc_0", "f_dc_1", "f_dc_2")[:, None]
-    if rest:
-        tail = take(*(f"f_rest_{i}" for i in range(rest)))
-        sh = torch.cat([sh, tail.reshape(count, 3, rest // 3).transpose(1, 2)], dim=1)
-    return Gaussians(
-        means=take("x", "y", "z"),
-        log_scales=take("scale_0", "scale_1", "scale_2"),
-        rotations=take("rot_0", "rot_1", "rot_2", "rot_3"),
-        opacities=take("opacity")[:, 0],
-        sh=sh.contiguous(),
-    )
+    table = table_of(_read_table(path), path)
+    return Gaussians(*(torch.from_numpy(getattr(table, field.name)) for field in fields(Gaussians)))
 
 
 def read_audio_intensity(path: str | Path) -> NDArray[np.float32] | None:

@@ -212,11 +212,19 @@ class StageFile:
 
 
 @dataclass(frozen=True, eq=False)
+class SplatFile:
+    """The file of a scan's splats; ``to_world`` (4, 4) is a similarity from the file's frame to the world's, metres."""
+
+    path: Path
+    to_world: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
 class Scene:
     """A home with its rooms and objects: all that a renderer and an acoustic engine need.
 
     ``exposure`` multiplies linear light before the tone curve (`Scene.for_room` sets the room's own). ``stage`` is the
-    file of the parts with instance id 0, if they are one scan.
+    file of the parts with instance id 0, if they are one scan, and ``splats`` that of the same place in 3D Gaussians.
     """
 
     name: str
@@ -225,6 +233,7 @@ class Scene:
     supports: tuple[Support, ...]
     exposure: float = 1.0
     stage: StageFile | None = None
+    splats: SplatFile | None = None
 
     def room(self, name: str) -> Room:
         """The first room called ``name``.

@@ -155,7 +155,8 @@ class ScanSpec(_Model):
     For a scan, ``file`` names its mesh; without it, the mesh is found by the scan's id below the folder of scans.
     ``up`` and ``front`` are the file's axes that become +Y and +Z (default: those of its data set). ``rooms``: room
     name → [[x, y, z], [x, y, z]], the lowest and highest corner of the room's inside (Y up, metres); rooms that are
-    not given are taken from the scan's annotations. ``materials``: a SoundSpaces material file (JSON).
+    not given are taken from the scan's annotations. ``materials``: a SoundSpaces material file (JSON). ``splats``: the
+    same place in 3D Gaussians (PLY of 3D-GS), in the frame of ``file``, for ``--vision splats``; found as ``file`` is.
     """
 
     source: Literal["apartment", "scan"] = "apartment"
@@ -164,6 +165,7 @@ class ScanSpec(_Model):
     up: Axis | None = None
     front: Axis | None = None
     materials: Line | None = None
+    splats: Line | None = None
     rooms: dict[RoomName, tuple[Corner, Corner]] = {}
     licence: LicenceSpec | None = None
 
@@ -171,8 +173,8 @@ class ScanSpec(_Model):
     def _complete(self) -> ScanSpec:
         if self.source == "apartment" and self.seed is None:
             raise ValueError("an apartment needs a seed")
-        if self.source == "apartment" and (self.file or self.up or self.front or self.materials):
-            raise ValueError("file, up, front and materials belong to a scan; write source: scan")
+        if self.source == "apartment" and (self.file or self.up or self.front or self.materials or self.splats):
+            raise ValueError("file, up, front, materials and splats belong to a scan; write source: scan")
         if (self.up is None) != (self.front is None):
             raise ValueError("up and front belong together: give both axes, or neither")
         if self.up and self.front and self.up[-1] == self.front[-1]:
@@ -181,7 +183,7 @@ class ScanSpec(_Model):
 
     def identity(self) -> dict[str, Any]:
         """Content for digests: options that later versions added count only where they are set."""
-        late = ("up", "front", "materials")
+        late = ("up", "front", "materials", "splats")
         return {name: value for name, value in self.model_dump().items() if value is not None or name not in late}
 
 

@@ -212,7 +212,7 @@ def _compare(plan: ObservationPlan, observation: Observation, indices: tuple[int
     """Problems of one observation."""
     record = observation.record
     assert record is not None
-    vision_backend(plan.options.renderer).warm_up()
+    vision_backend(plan.options.renderer, plan.options.device).warm_up()
     made = ComparingOutput(observation.path, indices)
     generate_observation(plan, observation.path.parent, default_cache(), output=lambda _: made)
     again = made.record

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from importlib.metadata import version
 from pathlib import Path
 
 from avs3d_bench.errors import Avs3dError
@@ -94,6 +95,7 @@ def checks() -> tuple[Check, ...]:
         package_check("generate", "h5py", "h5py", "pip install 'avs3d-bench[sofa]'", needed="heads of SOFA files"),
         Check("generate", "numba-cuda", _cuda),
         Check("generate", "cache of homes", _cache),
+        Check("generate", "splats", _splats),
         Check("habitat", "habitat-sim", _habitat),
         Check("scans", "scans", _scans),
         Check("assets", "assets", _assets),
@@ -114,6 +116,17 @@ def _cuda() -> tuple[CheckResult, ...]:
     if said.startswith("note: "):
         return (CheckResult("generate", "numba-cuda", "note", f"{said[6:]}; --device cpu works", ""),)
     return (CheckResult("generate", "numba-cuda", "ok", said),)
+
+
+def _splats() -> tuple[CheckResult, ...]:
+    """What draws with ``--vision splats``."""
+    if not has_package("numba"):
+        return (CheckResult("generate", "splats", "missing", "needs numba; --vision splats", _EXTRA),)
+    ours = "--vision splats: our rasteriser on the CPU"
+    if has_package("gsplat") and has_package("torch"):
+        return (CheckResult("generate", "splats", "ok", f"{ours}; with --device cuda, gsplat {version('gsplat')}"),)
+    fix = "pip install 'avs3d-bench[baselines]' (on a machine with an NVIDIA GPU)"
+    return (CheckResult("generate", "splats", "note", f"{ours}; --device cuda needs gsplat and torch", fix),)
 
 
 def _engine() -> Check:

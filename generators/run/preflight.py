@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 
 from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.formats.gaussian_ply import check_gaussians
 from generators.acoustics.materialfile import read_material_file
 from generators.assets.meshcheck import check_file
 from generators.library.store import check_asset
@@ -14,13 +15,14 @@ from generators.observation.arrangement import load_object
 from generators.observation.hearing import PRE_ROLL
 from generators.observation.sources import sound_file
 from generators.plan import ObservationPlan
+from generators.vision.splats.cloud import MOST_GAUSSIANS
 
 #: (field of the manifest, what is wrong with it)
 _Fault = tuple[tuple[str | int, ...], Avs3dError]
 
 
 def check_files(source: ManifestFile, plans: Sequence[ObservationPlan]) -> None:
-    """Read the objects and sounds of ``plans`` as generation does; of a scan, its materials and the frame of its mesh.
+    """Read the objects and sounds of ``plans`` as generation does; of a scan, its materials and the heads of its files.
 
     Assets of the store were read when they were imported: their hash is compared. A scan that is not there at all is
     no fault here (see `generators.plan.check_scans`).
@@ -43,10 +45,12 @@ def _scans(plans: Sequence[ObservationPlan]) -> Iterator[_Fault]:
     for name, plan in {plan.spec.scan: plan for plan in plans if plan.scan.source == "scan"}.items():
         yield from _faults(("scans", name, "materials"), _read_materials, plan)
         try:
-            mesh = plan.scan_files.mesh
+            found = plan.scan_files
         except Avs3dError:
             continue
-        yield from _faults(("scans", name), check_file, mesh)
+        yield from _faults(("scans", name), check_file, found.mesh)
+        if found.splats is not None:
+            yield from _faults(("scans", name, "splats"), check_gaussians, found.splats, MOST_GAUSSIANS)
 
 
 def _read_materials(plan: ObservationPlan) -> None:

@@ -52,6 +52,7 @@ class ScanFiles:
         semantic_mesh: HM3D's ``.semantic.glb`` or Matterport3D's ``_semantic.ply``.
         house: Matterport3D's regions and objects.
         kind: how the files are laid out.
+        splats: the same place in 3D Gaussians, if they are to be drawn.
     """
 
     mesh: Path
@@ -61,6 +62,7 @@ class ScanFiles:
     semantic_mesh: Path | None = None
     house: Path | None = None
     kind: Kind = "file"
+    splats: Path | None = None
 
     @property
     def all(self) -> tuple[Path, ...]:
@@ -69,7 +71,7 @@ class ScanFiles:
 
     @property
     def _own(self) -> tuple[Path, ...]:
-        own = (self.mesh, self.semantic_txt, self.semantic_mesh, self.house)
+        own = (self.mesh, self.semantic_txt, self.semantic_mesh, self.house, self.splats)
         return tuple(p for p in own if p is not None)
 
     def digests(self) -> dict[str, str]:

@@ -21,7 +21,7 @@ from generators.acoustics.materialfile import read_material_file
 from generators.assets.acoustic_twin import clustered
 from generators.assets.meshfile import load_mesh
 from generators.assets.modelframe import upright
-from generators.core.scene import F32, Licence, Mesh, Part, Room, Scene, StageFile, Support
+from generators.core.scene import F32, Licence, Mesh, Part, Room, Scene, SplatFile, StageFile, Support
 from generators.scans.annotations import Annotations
 from generators.scans.files import ScanFiles, find_scan_files, scan_files_of
 from generators.scans.hm3d import read_hm3d
@@ -83,7 +83,8 @@ def load_scan(
         need: rooms without which the scan is of no use.
 
     Returns:
-        One part with instance id 0, without a light map; the rooms; the supports found in each; the stage's file.
+        One part with instance id 0, without a light map; the rooms; the supports found in each; the stage's file and
+        that of the splats.
 
     Raises:
         Avs3dError: if the scan is unknown, a file of it is missing or broken, its textures need a decoder that is not
@@ -121,7 +122,15 @@ def load_scan(
     mesh = labelled(_decimated(mesh, [room for room, _ in found]), found, annotations, table)
     part = Part(name, mesh, licence=licence or Licence("unknown", "unknown", files.mesh.name))
     stage = StageFile(files.mesh, up, front)
-    return Scene(name, (part,), tuple(room for room, _ in found), tuple(supports), stage=stage)
+    splats = SplatFile(files.splats, similarity(rotation)) if files.splats is not None else None
+    return Scene(name, (part,), tuple(room for room, _ in found), tuple(supports), stage=stage, splats=splats)
+
+
+def similarity(rotation: NDArray[np.float64], scale: float = 1.0) -> NDArray[np.float64]:
+    """(4, 4) float64: p → rotation · (scale · p), as `Mesh.transformed` moves the mesh."""
+    out = np.eye(4)
+    out[:3, :3] = scale * rotation
+    return out
 
 
 def _read_mesh(path: Path, rotation: NDArray[np.float64], textures: bool) -> Mesh:

@@ -181,6 +181,7 @@ class EmbreeSession:
             self._face[block] = face
             kernels.write_geometry(face, hit["tfar"], tables, depth[block], ids[block])
             self._shade(hit, directions, view, 1.0, light)
+            self._keep(hit, directions, view, 1.0, light, block)
             kernels.encode(light.reshape(-1), self._srgb, rgb[block].reshape(-1))
 
     def _refine_edges(self, tracer: Tracer, view: PinholeView, rgb: np.ndarray, depth: np.ndarray) -> None:
@@ -199,7 +200,19 @@ class EmbreeSession:
             kernels.sub_pixel_directions(view, chunk, SUB_PIXELS, directions)
             hit = tracer.intersect(repeated(view.origin, count), directions)
             self._shade(hit, directions, view, 0.5, light)
+            self._keep(hit, directions, view, 0.5, light, chunk)
             kernels.average(light, samples, self._srgb, chunk, rgb)
+
+    def _keep(
+        self,
+        hit: dict[str, np.ndarray],
+        directions: np.ndarray,
+        view: PinholeView,
+        spread: float,
+        light: np.ndarray,
+        pixels: slice | np.ndarray,
+    ) -> None:
+        """For renderers built on this one: what the rays of some pixels, as many for each, have brought."""
 
     def _shade(
         self, hit: dict[str, np.ndarray], directions: np.ndarray, view: PinholeView, spread: float, light: np.ndarray

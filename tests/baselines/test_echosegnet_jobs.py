@@ -14,13 +14,13 @@ import torch
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.runtime.file_lock import wait_for_lock
+from avs3d_bench.scheduling import gsplat_kernels
 from avs3d_bench.scheduling.errors import UnfitError
 from avs3d_bench.scheduling.options import Options
 from baselines.echosegnet import memory, training_stage
 from baselines.echosegnet.densify import DensityControl
 from baselines.echosegnet.jobs import run_each, spread
 from baselines.echosegnet.pipeline import Settings
-from baselines.echosegnet.rasteriser import kernels
 from baselines.echosegnet.run import write_echosegnet
 from baselines.echosegnet.sources import OracleMasks
 from baselines.echosegnet.train import TrainingSettings
@@ -60,7 +60,7 @@ def stand_in(folder: Path, backend: str = _GSPLAT) -> dict[str, str]:
 
 def test_two_processes_that_begin_with_an_empty_cache_compile_once(tmp_path: Path):
     environment = stand_in(tmp_path)
-    load = "from baselines.echosegnet.rasteriser.kernels import gsplat; print(gsplat().__name__)"
+    load = "from avs3d_bench.scheduling.gsplat_kernels import gsplat; print(gsplat().__name__)"
     pair = [
         subprocess.Popen(
             [sys.executable, "-c", load], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -85,10 +85,10 @@ def test_a_compiler_that_fails_is_one_line_and_another_worker_may_try(tmp_path: 
     monkeypatch.syspath_prepend(tmp_path)
     for name in [name for name in sys.modules if name.partition(".")[0] == "gsplat"]:
         monkeypatch.delitem(sys.modules, name)
-    kernels.gsplat.cache_clear()
+    gsplat_kernels.gsplat.cache_clear()
     with pytest.raises(UnfitError, match=r"cannot be compiled \(Error building extension nvcc: a long story\)"):
-        kernels.gsplat()
-    kernels.gsplat.cache_clear()
+        gsplat_kernels.gsplat()
+    gsplat_kernels.gsplat.cache_clear()
 
 
 def test_a_turn_is_taken_one_after_the_other_and_dies_with_its_process(tmp_path: Path):

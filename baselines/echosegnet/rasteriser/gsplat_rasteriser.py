@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.scheduling.gsplat_kernels import gsplat
 from baselines.echosegnet.gaussians import Gaussians
-from baselines.echosegnet.rasteriser.kernels import gsplat
 from baselines.echosegnet.rasteriser.rendering import BLUR, NEAR, Camera, Rasteriser, Splat
 
 

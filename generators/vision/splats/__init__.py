@@ -1,0 +1,1 @@
+"""Captured 3D Gaussians ("splats") as pictures, with inserted objects among them."""
