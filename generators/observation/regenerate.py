@@ -246,8 +246,8 @@ class ComparingOutput(MemoryOutput):
         self.differences: dict[str, str] = {}
 
     def keeps(self, name: str) -> bool:
-        """Files of the chosen frames, and the mesh; what follows from all frames is not made."""
-        return PurePath(name).stem in self._chosen or name == layout.SOUNDING_OBJECT
+        """Files of the chosen frames, the mesh and the picture from above; what follows from all frames is not made."""
+        return PurePath(name).stem in self._chosen or name in (layout.SOUNDING_OBJECT, layout.TOP_VIEW)
 
     def where(self, name: str) -> Path:
         """The file of the finished observation."""
