@@ -152,7 +152,8 @@ class LicenceSpec(_Model):
 class ScanSpec(_Model):
     """A home: a procedural ``apartment`` from a seed, or a ``scan`` (HM3D, Matterport3D, any GLB, glTF, OBJ or PLY).
 
-    For a scan, ``file`` names its mesh; without it, the mesh is found by the scan's id below the folder of scans.
+    For a scan, ``file`` names its mesh, or ``asset`` one of the lock file; without either, the mesh is found by the
+    scan's id below the folder of scans.
     ``up`` and ``front`` are the file's axes that become +Y and +Z (default: those of its data set). ``rooms``: room
     name → [[x, y, z], [x, y, z]], the lowest and highest corner of the room's inside (Y up, metres); rooms that are
     not given are taken from the scan's annotations. ``materials``: a SoundSpaces material file (JSON).
@@ -161,6 +162,7 @@ class ScanSpec(_Model):
     source: Literal["apartment", "scan"] = "apartment"
     seed: int | None = Field(None, ge=0, strict=True)
     file: Line | None = None
+    asset: Line | None = None
     up: Axis | None = None
     front: Axis | None = None
     materials: Line | None = None
@@ -171,8 +173,12 @@ class ScanSpec(_Model):
     def _complete(self) -> ScanSpec:
         if self.source == "apartment" and self.seed is None:
             raise ValueError("an apartment needs a seed")
-        if self.source == "apartment" and (self.file or self.up or self.front or self.materials):
-            raise ValueError("file, up, front and materials belong to a scan; write source: scan")
+        if self.source == "apartment" and (self.file or self.asset or self.up or self.front or self.materials):
+            raise ValueError("file, asset, up, front and materials belong to a scan; write source: scan")
+        if self.asset and (self.file or self.licence):
+            raise ValueError(
+                "asset names a scan of assets.lock.yaml, with its file and its licence; leave these two out here"
+            )
         if (self.up is None) != (self.front is None):
             raise ValueError("up and front belong together: give both axes, or neither")
         if self.up and self.front and self.up[-1] == self.front[-1]:
@@ -181,7 +187,7 @@ class ScanSpec(_Model):
 
     def identity(self) -> dict[str, Any]:
         """Content for digests: options that later versions added count only where they are set."""
-        late = ("up", "front", "materials")
+        late = ("up", "front", "materials", "asset")
         return {name: value for name, value in self.model_dump().items() if value is not None or name not in late}
 
 

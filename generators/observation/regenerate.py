@@ -204,7 +204,7 @@ def _named_files(plan: ObservationPlan) -> tuple[str, ...]:
     items = [item for table in (plan.sounds, plan.objects) for name in categories for item in table.get(name, ())]
     names = {item.file or item.asset for item in items}
     if plan.scan.source == "scan":
-        names |= {plan.scan.file or f"scan {plan.spec.scan}", plan.scan.materials}
+        names |= {plan.scan.file or plan.scan.asset or f"scan {plan.spec.scan}", plan.scan.materials}
     return tuple(sorted(name for name in names if name))
 
 
