@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.geometry import Intrinsics, Pose
-from generators.core.scene import Mesh, Room, Scene
+from generators.core.scene import Mesh, Part, Room, Scene
 from generators.vision.embree import EmbreeBackend
 
 #: What is above this height over the floor is left out: lamps and ceilings would hide the room (m).
@@ -62,6 +63,17 @@ def render_top_view(home: Scene, room: Room) -> TopView | None:
     """
     if home.stage is None or not any(_is_coloured(part.mesh) for part in home.parts):
         return None
+    known = _view_cache.setdefault(home.parts[0], {})
+    if room not in known:
+        known[room] = _render(home, room)
+    return known[room]
+
+
+#: Pictures of the scans that are open, by their first part: the observations of a room share one.
+_view_cache: WeakKeyDictionary[Part, dict[Room, TopView]] = WeakKeyDictionary()
+
+
+def _render(home: Scene, room: Room) -> TopView:
     cut = room.low[1] + CUT
     parts = tuple(replace(part, mesh=mesh) for part in home.parts if len((mesh := _below(part.mesh, cut)).positions))
     bounds = np.stack([[part.mesh.bounds[0] for part in parts], [part.mesh.bounds[1] for part in parts]], axis=1)
