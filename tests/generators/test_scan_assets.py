@@ -210,6 +210,13 @@ def test_the_open_scans_are_pinned_and_free() -> None:
     assert {spec.scan for spec in manifest.observations} == set(manifest.scans)
 
 
+def test_no_object_of_the_open_scans_always_sounds_beside_another() -> None:
+    """Else a method without ears would be right in part_1."""
+    manifest = read_manifest(MANIFESTS / "open-scans.yaml").manifest
+    pairs = [(spec.category, name) for spec in manifest.observations if spec.part == "part_1" for name in spec.silent]
+    assert sorted(pairs) == sorted((silent, sounding) for sounding, silent in pairs)
+
+
 def test_the_open_scans_can_be_had_from_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if not any(SHARED.glob("*.glb")):
         pytest.skip(f"no scans in {SHARED}")
