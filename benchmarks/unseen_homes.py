@@ -21,7 +21,9 @@ import yaml
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.yamlfile import read_yaml
 from generators.apartments.apartment import build_apartment
+from generators.core.folders import default_cache
 from generators.core.scene import Scene
+from generators.homes.store import open_home
 from generators.observation.arrangement import arrange
 from generators.options import GenerateOptions
 from generators.plan import ObservationPlan, make_plans, read_manifest
@@ -136,7 +138,9 @@ def unlit_home(name: str, seed: int) -> Scene:
 
 
 def home_of(plan: ObservationPlan) -> Scene:
-    """The plan's home without its light."""
+    """The plan's home without its light; a scan as it is."""
+    if plan.scan.source == "scan":
+        return open_home(plan, default_cache())
     assert plan.scan.seed is not None
     return unlit_home(plan.spec.scan, plan.scan.seed)
 

@@ -21,7 +21,10 @@ import numpy as np
 from avs3d_bench.errors import Avs3dError, UsageError, did_you_mean
 from avs3d_bench.formats import files
 from avs3d_bench.runtime.user_path import user_path
+from generators.core.scene import Licence
 from generators.library.lock import LOCK_NAME
+from generators.library.references import asset_digests, check_assets
+from generators.library.store import Store, check_asset, find_entry
 from generators.manifest.categories import CategorySpec
 from generators.manifest.reading import ManifestFile, select
 from generators.manifest.reading import read_manifest as read_manifest
@@ -231,10 +234,8 @@ class ObservationPlan:
         items = [item for _, item in (*self.object_items, *(self.sound_items if sounds else ()))]
         named = {item.file: locate(self.base, item.file) for item in items if item.file is not None}
         found = {name: files.sha256_file(path) for name, path in named.items() if path.is_file()}
-        assets = [item.asset for item in items if item.asset is not None]
+        assets = [name for name in (*(item.asset for item in items), self.scan.asset) if name is not None]
         if assets:
-            from generators.library.references import asset_digests
-
             found |= asset_digests(self.lock, assets)
         return self._scan_digests() | found
 
@@ -251,6 +252,8 @@ class ObservationPlan:
             Avs3dError: if a file that the manifest names is missing, no scan of that id is found, or it has no splats
                 and they are to be drawn.
         """
+        if self.scan.asset:
+            return scan_files_of(self._stored_scan(self.scan.asset))
         root, name = scans_root(self.base, self.options.scans), self.scan.file
         if name:
             found = scan_files_of(resolve_file(root, name, f"scan {self.spec.scan}"))
@@ -261,6 +264,22 @@ class ObservationPlan:
         if not self.scan.splats:
             raise Avs3dError(f"scan {self.spec.scan}: --vision splats draws {_NO_SPLATS}")
         return replace(found, splats=resolve_file(root, self.scan.splats, f"splats of scan {self.spec.scan}"))
+
+    def _stored_scan(self, asset: str) -> Path:
+        """The file of a scan of the store."""
+        entry = find_entry(self.lock, asset)
+        path = Store.default().path(entry)
+        if not path.is_file() or digest(path) != entry.sha256:
+            check_asset(self.lock, asset)  # says what is wrong
+        return path
+
+    @property
+    def scan_licence(self) -> Licence | None:
+        """The terms of its scan: those of the lock file, or of the manifest; None: they are not known."""
+        if self.scan.asset:
+            return find_entry(self.lock, self.scan.asset).terms
+        own = self.scan.licence
+        return Licence(own.name, own.author, own.source) if own else None
 
     @property
     def material_file(self) -> Path | None:
@@ -420,7 +439,6 @@ def make_plans(source: ManifestFile, options: GenerateOptions | None = None) -> 
             of a receiver is missing or wrong.
     """
     from generators.backends import backend_versions
-    from generators.library.references import check_assets
 
     manifest, asked = source.manifest, options or GenerateOptions()
     changes = {"frames": asked.frames, "size": asked.size}
@@ -435,6 +453,7 @@ def make_plans(source: ManifestFile, options: GenerateOptions | None = None) -> 
         manifest.objects,
         manifest.sounds,
         {category for spec in selected for category in (*spec.heard, *spec.objects)},
+        {spec.scan: manifest.scans[spec.scan] for spec in selected},
     )
 
     takes = takes_of(manifest)

@@ -155,7 +155,7 @@ HOUSE = {
         "paths": "core assets placement",
         "manifest": "core options",
         "library": "core assets lighting vision manifest",
-        "plan": "assets options backends scans manifest library",
+        "plan": "core assets options backends scans manifest library",
         "homes": "core assets lighting apartments scans plan",
         "observation": "core assets lighting vision acoustics options backends placement paths manifest library plan "
         "homes",

@@ -50,6 +50,8 @@ AMBISONICS, ARRAY = "ambisonics", "array"
 RECEIVERS = (AMBISONICS, ARRAY)
 GT_3D = "gt_3d"
 SOUNDING_OBJECT = f"{GT_3D}/sounding_object.ply"
+#: A scan from above, without placed objects; of observations in scans only. For people who look at a dataset.
+TOP_VIEW = "top_view.png"
 COLMAP = "sparse/0"
 COLMAP_FILES = tuple(f"{COLMAP}/{name}.bin" for name in ("cameras", "images", "points3D"))
 
@@ -303,6 +305,7 @@ def expected_files(
     rirs: bool = False,
     part_3: Part3Contents | None = None,
     receivers: Iterable[str] = (),
+    top_view: bool = False,
 ) -> tuple[str, ...]:
     """Every file of an observation with ``frames`` frames, relative, sorted; ``observation.json`` excluded.
 
@@ -312,10 +315,13 @@ def expected_files(
         rirs: whether impulse responses are kept.
         part_3: of an observation of part_3; None for the other parts.
         receivers: those of `RECEIVERS` that hear it, beside the two ears.
+        top_view: whether there is a picture from above.
     """
     files = [SPLITS_JSON, *COLMAP_FILES]
     if part_3 is None or part_3.in_room:
         files.append(SOUNDING_OBJECT)
+    if top_view:
+        files.append(TOP_VIEW)
     folders = [INPUT, IMAGES, SEMANTIC_MASKS, INSTANCE_MASKS] + ([DEPTH] if depth else [])
     if part_3 is not None:
         folders.append(CATEGORY_MASKS)

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from avs3d_bench.dataset import Observation
 from avs3d_bench.inspector.facts import PageFacts
-from avs3d_bench.inspector.floorplan import Bounds, map_bounds, paint_plan, read_plan
+from avs3d_bench.inspector.floorplan import Bounds, map_bounds, plan_picture
 from avs3d_bench.inspector.labels import LabelBox, place_labels
 from avs3d_bench.inspector.pictures import SOUNDING, hexadecimal
 from avs3d_bench.inspector.video_text import U8, Colour, fitting, text_width
@@ -277,7 +277,7 @@ class FloorMap:
         size = max(1, round(box.width * scale)), max(1, round(box.height * scale))
         axes.set_facecolor(hexadecimal(OUTSIDE))
         axes.imshow(
-            paint_plan(read_plan(observation, box), box, size),
+            plan_picture(observation, box, size),
             extent=(box.left, box.left + box.width, box.top + box.height, box.top), interpolation="antialiased",
         )  # fmt: skip
 

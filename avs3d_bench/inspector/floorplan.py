@@ -1,8 +1,8 @@
-"""The floor plan under every map: walls, furniture and floor, traced from the points of the sparse model.
+"""The floor plan under every map: of a scan its picture from above, else traced from the points of the sparse model.
 
-No dataset holds a mesh of the room. A wall has points one above the other from the furniture's height up to the
-lintels of the doors; furniture has points off the floor and below that height; floor lies around and below both. Each
-becomes a grid, small gaps are closed, and the outlines are traced.
+No dataset holds a mesh of the room. In the trace, a wall has points one above the other from the furniture's height up
+to the lintels of the doors; furniture has points off the floor and below that height; floor lies around and below both.
+Each becomes a grid, small gaps are closed, and the outlines are traced.
 """
 
 from __future__ import annotations
@@ -13,10 +13,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from avs3d_bench.contract import layout
 from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.formats import media
 from avs3d_bench.inspector.facts import PageFacts
-from avs3d_bench.inspector.pictures import rgba_png
+from avs3d_bench.inspector.pictures import U8, rgba_png
 
 #: Metres around the path and the objects that the map shows.
 MARGIN = 1.25
@@ -36,6 +38,8 @@ _FLOOR_GAP, _WALL_GAP, _FURNITURE_GAP = 0.45, 0.2, 0.12
 _WALL_HALF = 0.05
 #: Smaller pieces of furniture and of wall are not drawn (m²).
 _LEAST_AREA = 0.015
+#: How much of the way to white a picture from above is made paler.
+_PALER = 0.25
 #: RGB of the plan, for a light page.
 FLOOR_COLOUR, FURNITURE_COLOUR, EDGE_COLOUR, WALL_COLOUR = (
     (255, 255, 255),
@@ -98,6 +102,32 @@ def read_plan(observation: Observation, bounds: Bounds) -> PlanOutlines:
     return trace_plan(observation.colmap.points.positions, bounds, floor)
 
 
+def plan_picture(observation: Observation, bounds: Bounds, size: tuple[int, int]) -> U8:
+    """The floor plan as a picture of ``size`` (width, height) that fills ``bounds``.
+
+    Returns:
+        (H, W, 4) RGBA, transparent where nothing is known.
+
+    Raises:
+        Avs3dError: if the picture from above or the sparse model is missing or damaged.
+    """
+    area = observation.record.top_view if observation.record else None
+    if area is None:
+        return paint_plan(read_plan(observation, bounds), bounds, size)
+    rgb = media.read_png_rgb(observation.where(layout.TOP_VIEW))
+    # Paths and names are drawn upon it: paler, they stand out.
+    paler = np.rint(rgb + _PALER * (255.0 - rgb)).astype(np.uint8)
+    whole = np.dstack([paler, np.where(rgb.any(axis=2), 255, 0).astype(np.uint8)])
+    scale = size[0] / bounds.width, size[1] / bounds.height
+    shown = max(1, round(area.width * scale[0])), max(1, round(area.height * scale[1]))
+    column, row = round((area.left - bounds.left) * scale[0]), round((area.top - bounds.top) * scale[1])
+    canvas = np.zeros((size[1], size[0], 4), dtype=np.uint8)
+    canvas[max(0, row) : max(0, row + shown[1]), max(0, column) : max(0, column + shown[0])] = cv2.resize(
+        whole, shown, interpolation=cv2.INTER_AREA
+    )[max(0, -row) : max(0, size[1] - row), max(0, -column) : max(0, size[0] - column)]
+    return canvas
+
+
 def draw_floorplan(observation: Observation, facts: PageFacts) -> bytes:
     """The floor plan as a PNG that fills `map_bounds`; transparent where nothing is known.
 
@@ -109,7 +139,7 @@ def draw_floorplan(observation: Observation, facts: PageFacts) -> bytes:
         raise Avs3dError(f"{observation.key}: no frame has a pose, so there is no map")
     scale = min(PIXELS_PER_METRE, _MAX_SIDE / max(bounds.width, bounds.height))
     size = max(1, round(bounds.width * scale)), max(1, round(bounds.height * scale))
-    return rgba_png(paint_plan(read_plan(observation, bounds), bounds, size))
+    return rgba_png(plan_picture(observation, bounds, size))
 
 
 def trace_plan(positions: NDArray[np.float64], bounds: Bounds, floor: float) -> PlanOutlines:

@@ -22,9 +22,9 @@ from avs3d_bench.formats.files import read_record
 from avs3d_bench.formats.ply import Ply
 from avs3d_bench.formats.predictions import read_points
 from avs3d_bench.geometry import Intrinsics, Pose
-from avs3d_bench.inspector.floorplan import HEAD
+from avs3d_bench.inspector.floorplan import EYES, HEAD
 from avs3d_bench.inspector.sources import ShownSound, read_sound
-from avs3d_bench.inspector.view3d_surfaces import VisibleSurface, room_surfaces
+from avs3d_bench.inspector.view3d_surfaces import VisibleSurface, floor_picture, room_surfaces
 
 #: Points from depth: this many frames, and about this many points of each.
 DEPTH_FRAMES, DEPTH_POINTS = 12, 25_000
@@ -95,7 +95,8 @@ class Scene3D:
         category: of the sounding object; None in the official release.
         camera: its intrinsics.
         frames: those with a pose, in the order of time.
-        surfaces: pictures of the room on triangles between its sparse points; without the ceiling.
+        surfaces: pictures of the room on patches around its sparse points, and a scan's from above on its floor;
+            without the ceiling.
         room: the sparse points below the ceiling.
         ceiling: those above, which hide the room from outside.
         dense: from a few frames' depth; None without depth.
@@ -148,12 +149,13 @@ def read_scene(observation: Observation, submissions: Sequence[str | Path] = ())
     dense = fused_depth(observation) if (observation.path / layout.DEPTH).is_dir() else None
     top = min(moment.pose.position[1] for moment in frames) + HEAD
     above = sparse.points[:, 1] > top
+    ground = floor_picture(observation, top - HEAD - EYES)
     return Scene3D(
         key=observation.key,
         category=observation.category,
         camera=observation.intrinsics,
         frames=frames,
-        surfaces=room_surfaces(observation, top),
+        surfaces=(*room_surfaces(observation, top), *([ground] if ground else [])),
         room=sparse.where(~above),
         ceiling=sparse.where(above),
         dense=dense.where(dense.points[:, 1] <= top) if dense else None,

@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from avs3d_bench.contract import layout
 from avs3d_bench.dataset import Frame, Observation
+from avs3d_bench.formats import media
 from avs3d_bench.geometry import Intrinsics
 from avs3d_bench.inspector.pictures import shrunk
 
@@ -37,14 +39,18 @@ BEYOND, MOST_BEYOND = 0.6, 0.06
 LEAST_DEPTH = 0.05
 #: The farthest that a patch reaches from its point (m).
 LONGEST = 0.35
+#: The picture from above lies this far below the floor, so that patches of the floor hide it (m).
+BELOW_FLOOR = 0.02
+#: Side of its squares (pixels): those at the edge of what is known are left out.
+CELL = 4
 
 
 @dataclass(frozen=True, eq=False)
 class VisibleSurface:
-    """The surface of the room that one frame shows.
+    """The surface of the room that one picture shows.
 
     Attributes:
-        name: of the frame.
+        name: of the frame, or ``floor``.
         vertices: (N, 3) float32, world, metres.
         faces: (M, 3) int32, counter-clockwise as the camera sees them.
         pixels: (N, 2) float32 (column, row) of the vertices in the picture, as shares of its width and height.
@@ -168,6 +174,42 @@ def room_surfaces(observation: Observation, top: float) -> tuple[VisibleSurface,
         chosen.append(best)
     surfaces = (_surface(view, rows, patches, camera, top) for view, rows in _shared_out(chosen, patches, wanted))
     return tuple(surface for surface in surfaces if len(surface.faces))
+
+
+def floor_picture(observation: Observation, floor: float) -> VisibleSurface | None:
+    """The picture from above of a scan, laid on its floor; None without such a picture.
+
+    Patches show what the frames saw; between and behind them lies the floor plan.
+
+    Args:
+        observation: in a scan.
+        floor: height of the floor, metres.
+
+    Raises:
+        Avs3dError: if the picture is missing or damaged.
+    """
+    area = observation.record.top_view if observation.record else None
+    if area is None:
+        return None
+    picture = media.read_png_rgb(observation.where(layout.TOP_VIEW))
+    rows, columns = (-(-side // CELL) for side in picture.shape[:2])
+    padded = np.zeros((rows * CELL, columns * CELL), dtype=bool)
+    padded[: picture.shape[0], : picture.shape[1]] = picture.any(axis=2)
+    row, column = np.nonzero(padded.reshape(rows, CELL, columns, CELL).all(axis=(1, 3)))
+    # Counter-clockwise as seen from above: x to the right, z downwards.
+    corners = np.array([(0, 0), (0, 1), (1, 1), (1, 0)])
+    pixels = ((np.stack([column, row], axis=1)[:, None] + corners) * CELL).reshape(-1, 2).astype(np.float64)
+    pixels = np.minimum(pixels / picture.shape[1::-1], 1.0)
+    places = pixels * (area.width, area.height) + (area.left, area.top)
+    vertices = np.insert(places, 1, floor - BELOW_FLOOR, axis=1)
+    first = 4 * np.arange(len(row), dtype=np.int32)[:, None]
+    return VisibleSurface(
+        "floor",
+        vertices.astype(np.float32),
+        np.concatenate([first + (0, 1, 2), first + (0, 2, 3)]).astype(np.int32),
+        pixels.astype(np.float32),
+        picture,
+    )
 
 
 def _views(observation: Observation) -> list[VisiblePoints]:

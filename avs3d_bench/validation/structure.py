@@ -160,6 +160,7 @@ def _check_files_of_ours(
             rirs=any(_has(files, folder) for folder in responses),
             part_3=scene,
             receivers=receivers,
+            top_view=layout.TOP_VIEW in files if record is None else record.top_view is not None,
         )
     )
     _check_missing(expected, files, findings)
@@ -255,7 +256,9 @@ def _check_headers(
     for path in sorted(files):
         folder, _, name = path.rpartition("/")
         try:
-            if folder in allowed and name.endswith(".png"):
+            if path == layout.TOP_VIEW:
+                media.png_header(observation.path / path)
+            elif folder in allowed and name.endswith(".png"):
                 header = media.png_header(observation.path / path)
                 if (header.colour_type, header.bits) not in allowed[folder]:
                     findings.add(path, f"{header.mode}, expected {wanted[folder]}")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from generators.core.scene import Licence, Scene
+from generators.core.scene import Scene
 from generators.homes.cache import cached_scene
 from generators.plan import ObservationPlan
 
@@ -59,7 +59,7 @@ def _open_scan(plan: ObservationPlan) -> Scene:
         plan.spec.scan,
         files,
         {name: np.asarray(box) for name, box in spec.rooms.items()},
-        licence=Licence(spec.licence.name, spec.licence.author, spec.licence.source) if spec.licence else None,
+        licence=plan.scan_licence,
         axes=Axes(spec.up, spec.front),
         textures=textures,
         materials=plan.material_file,

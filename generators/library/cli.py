@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @click.group(cls=Group)
 def assets() -> None:
-    """List, fetch, import and verify objects and sounds made by others.
+    """List, fetch, import and verify objects, sounds and scans made by others.
 
     Every asset is pinned in a lock file (assets.lock.yaml) with source, author, licence and sha256. The files are in
     $AVS3D_ASSETS (default: the user's cache folder). Manifests name assets by id: `objects: {clock: [{asset: ID}]}`.
@@ -43,7 +43,7 @@ def assets() -> None:
 @lock_option
 @click.option("--html", type=OUTPUT_FOLDER, default=None, metavar="DIR",
               help="Write a page with a picture of every asset.")  # fmt: skip
-@click.option("--kind", type=click.Choice(["object", "sound"]), default=None, help="Only these.")
+@click.option("--kind", type=click.Choice(["object", "sound", "scan"]), default=None, help="Only these.")
 @click.option("--category", type=CATEGORY, metavar="NAME", default=None, help="Only these.")
 def list_assets(lock: Path | None, html: Path | None, kind: str | None, category: str | None) -> None:
     """List the assets of the lock file, and whether their files are in the store."""
@@ -114,11 +114,13 @@ def fetch(
     avs3d assets fetch sketchfab UID --category toilet --height 0.78
     avs3d assets fetch freesound 1234 5678 --category clock
     avs3d assets fetch github OWNER/NAME@COMMIT:PATH --category clock --licence CC0-1.0 --author NAME
+    avs3d assets fetch github OWNER/NAME@COMMIT:room.glb --licence CC0-1.0 --author NAME    (a scan)
 
     SOURCE is sketchfab, freesound, bbc or github. Tokens are read from SKETCHFAB_TOKEN and FREESOUND_TOKEN (originals:
     FREESOUND_OAUTH_TOKEN). Exit status: 0 if all files are in the store, 1 if some are missing (each is named).
     """  # noqa: D301  # click's mark for lines that stay apart
     from generators.library.folder import Told
+    from generators.library.github import is_scan
     from generators.library.licences import spdx
     from generators.library.lock import LOCK_NAME, update_lock
     from generators.library.session import Stance
@@ -136,7 +138,10 @@ def fetch(
             )
         _fetch_pinned(path, _wanted(path, manifest, ids), session, folder)
         return
-    if not refs or category is None:
+    scans = source == "github" and all(is_scan(ref) for ref in refs)
+    if refs and scans and category is not None:
+        raise UsageError("a scan has no category: leave --category out")
+    if not refs or (category is None and not scans):
         raise UsageError(
             f"fetch {source}: expected an ID and --category, e.g. avs3d assets fetch {source} ID --category clock"
         )
@@ -146,7 +151,7 @@ def fetch(
         raise UsageError(f"{source} tells licence and author itself: --licence, --author and --url are for github")
     if manifest is not None or ids or folder is not None:
         raise UsageError("--manifest, --id and --from are for assets in the lock file; leave them out for new assets")
-    told = Told(category, spdx(credit["licence"]), credit["author"], credit["url"])
+    told = Told(category or "", spdx(credit["licence"]), credit["author"], credit["url"])
 
     def take(ref: str) -> AssetEntry:
         assert source is not None
@@ -186,7 +191,7 @@ def _wanted(path: Path, manifest: Path | None, ids: tuple[str, ...]) -> tuple[As
         from generators.manifest.reading import read_manifest
 
         source = read_manifest(manifest).manifest
-        ids = (*named_assets(source.objects, source.sounds), *ids)
+        ids = (*named_assets(source.objects, source.sounds, source.scans.values()), *ids)
         return tuple(find_entry(path, name) for name in dict.fromkeys(ids))
     if not path.is_file():
         raise UsageError(f"{path}: no such lock file; name one with --lock, or a manifest with --manifest")

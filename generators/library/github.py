@@ -1,4 +1,4 @@
-"""Sounds in public repositories at GitHub, pinned by their commit.
+"""Sounds and scans in public repositories at GitHub, pinned by their commit.
 
 A file is named ``OWNER/REPOSITORY@COMMIT:PATH``. Facts
 (https://docs.github.com/repositories/working-with-files/using-files/viewing-and-understanding-files): a commit's bytes
@@ -16,9 +16,9 @@ from avs3d_bench.errors import UsageError
 from generators.library.download import Delivered, download
 from generators.library.folder import Told
 from generators.library.http import Request
-from generators.library.lock import AssetEntry, slug
+from generators.library.lock import AssetEntry, Kind, slug
 from generators.library.session import Offer, Session, address, take
-from generators.library.store import SOUND_SUFFIXES
+from generators.library.store import SCAN_SUFFIXES, SOUND_SUFFIXES
 
 SERVICE = "GitHub"
 _REF = re.compile(
@@ -27,31 +27,40 @@ _REF = re.compile(
 _EXAMPLE = "OWNER/REPOSITORY@COMMIT:PATH with all 40 digits of the commit"
 
 
+def is_scan(ref: str) -> bool:
+    """Whether the file that a reference names is a scan, by its suffix."""
+    return ref.lower().endswith(SCAN_SUFFIXES)
+
+
 def fetch(ref: str, told: Told, session: Session) -> AssetEntry:
-    """Fetch a sound.
+    """Fetch a sound or a scan.
 
     Args:
         ref: ``OWNER/REPOSITORY@COMMIT:PATH``.
-        told: its category, licence and author, and the address of its source where that is not the repository.
+        told: its category (empty for a scan), licence and author, and the address of its source where that is not the
+            repository.
         session: options of this call of `avs3d assets`.
 
     Raises:
-        UsageError: for a reference of another form, a file that is no sound, or without licence or author.
+        UsageError: for a reference of another form, a file that is neither, or without licence or author.
         Avs3dError: one line: licence, any network error, a file that cannot be decoded.
     """
     found = _REF.fullmatch(ref)
     if found is None:
         raise UsageError(f"{ref!r:.120} names no file of a commit; expected {_EXAMPLE}")
     path = Path(found["path"])
-    if path.suffix.lower() not in SOUND_SUFFIXES:
-        raise UsageError(f"{ref!r:.120} is no sound; expected {', '.join(SOUND_SUFFIXES)}")
+    kind: Kind = "scan" if is_scan(ref) else "sound"
+    if kind == "sound" and path.suffix.lower() not in SOUND_SUFFIXES:
+        raise UsageError(
+            f"{ref!r:.120} is no sound and no scan; expected {', '.join((*SOUND_SUFFIXES, *SCAN_SUFFIXES))}"
+        )
     if not told.licence or not told.author:
         raise UsageError(f"{ref!r:.120}: {SERVICE} does not say who made a file; name --licence and --author")
     steps = [found["owner"], found["name"], *(slug(step) for step in path.with_suffix("").parts)]
     offer = Offer(
-        id="/".join(["github", *steps]), kind="sound", category=told.category, source="github", ref=ref,
+        id="/".join(["github", *steps]), kind=kind, category=told.category, source="github", ref=ref,
         url=told.url or f"https://github.com/{found['owner']}/{found['name']}", title=path.stem, author=told.author,
-        licence=told.licence, file=f"sound{path.suffix.lower()}",
+        licence=told.licence, file=f"{kind}{path.suffix.lower()}",
     )  # fmt: skip
     return take(offer, session, lambda target: _download(ref, offer.id, target, session))
 

@@ -6,6 +6,7 @@ The page is one file and needs no network; the recordings are beside it, because
 from __future__ import annotations
 
 import base64
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -91,7 +92,7 @@ def write_listing(entries: Sequence[AssetEntry], store: Store, folder: Path) -> 
     own = sorted({card.entry.category for card in cards})
     order = dict.fromkeys((*CATEGORIES, *DISTRACTORS, *OFF_SCREEN_CATEGORIES, *own))
     sections = [
-        (category, [card for card in cards if card.entry.category == category])
+        (category or "scan", [card for card in cards if card.entry.category == category])
         for category in order
         if any(card.entry.category == category for card in cards)
     ]
@@ -108,6 +109,8 @@ def _card(entry: AssetEntry, store: Store, folder: Path) -> AssetCard:
     try:
         if entry.kind == "sound":
             return _sound_card(entry, store, folder)
+        if entry.kind == "scan":
+            return _scan_card(entry, store)
         return _object_card(entry, store)
     except UsageError:
         raise
@@ -135,6 +138,15 @@ def _object_card(entry: AssetEntry, store: Store) -> AssetCard:
         size=(x, y, z),
         faces=len(mesh.positions),
     )
+
+
+def _scan_card(entry: AssetEntry, store: Store) -> AssetCard:
+    from generators.assets.meshfile import load_mesh
+
+    mesh = load_mesh(store.path(entry), twin="surface", max_acoustic_faces=sys.maxsize, textures=False)
+    x, y, z = (float(v) for v in np.ptp(mesh.bounds.astype(np.float64), axis=0))
+    licence = terms(entry.licence)
+    return AssetCard(entry, licence.verdict, licence.reason, size=(x, y, z), faces=len(mesh.positions))
 
 
 def _sound_card(entry: AssetEntry, store: Store, folder: Path) -> AssetCard:

@@ -25,6 +25,7 @@ from avs3d_bench.formats import files
 from avs3d_bench.formats.yamlfile import parse_yaml, read_data, step
 from avs3d_bench.runtime.file_lock import lock_now
 from generators.core.limits import SoundSplit
+from generators.core.scene import Licence
 
 LOCK_NAME = "assets.lock.yaml"
 #: Longest wait for another process that writes the lock file (s).
@@ -38,7 +39,7 @@ _HEADER = (
 SHORTEST = 0.5
 _STEP = r"[A-Za-z0-9][A-Za-z0-9._+-]*"
 
-Kind = Literal["object", "sound"]
+Kind = Literal["object", "sound", "scan"]
 Source = Literal["sketchfab", "freesound", "bbc", "esc50", "sh3d", "github", "folder"]
 #: Who may hear a recording; see `generators.assets.sounds.Voice.split`.
 Line = Annotated[str, Field(min_length=1, max_length=1000, pattern=r"^[^\x00-\x1f\x7f]*$")]
@@ -52,8 +53,8 @@ class AssetEntry(BaseModel):
 
     Attributes:
         id: ``source/…/name``; its name in manifests and its folder in the store.
-        kind: an object (mesh) or a sound.
-        category: its category: one of `avs3d_bench.contract.taxonomy`, or one that manifests add.
+        kind: an object (mesh), a sound, or a scan (the mesh of a home).
+        category: its category: one of `avs3d_bench.contract.taxonomy`, or one that manifests add; empty for a scan.
         source: the collection from which it comes.
         ref: the collection's own id.
         url: its web page.
@@ -73,7 +74,7 @@ class AssetEntry(BaseModel):
 
     id: Annotated[str, Field(pattern=rf"^{_STEP}(/{_STEP})+$", max_length=200)]
     kind: Kind
-    category: str
+    category: str = ""
     source: Source
     ref: Line
     url: Annotated[str, Field(max_length=1000, pattern=r"^[^\x00-\x1f\x7f]*$")] = ""
@@ -95,25 +96,34 @@ class AssetEntry(BaseModel):
     @classmethod
     def _category(cls, value: str) -> str:
         try:
-            return check_category_name(value)
+            return check_category_name(value) if value else ""
         except Avs3dError as error:
             raise ValueError(str(error)) from None
 
     @model_validator(mode="after")
     def _fits_its_kind(self) -> AssetEntry:
+        if (self.kind == "scan") == bool(self.category):
+            what = "belongs to objects and sounds only; leave it out for a scan" if self.category else "is missing"
+            raise ValueError(f"category {what}")
         given = [name for name in ("up", "front", "height", "mount", "yaw") if getattr(self, name) is not None]
-        if self.kind == "sound" and given:
-            raise ValueError(f"{given[0]} is given, but belongs to objects only; leave it out for a sound")
+        if self.kind != "object" and given:
+            raise ValueError(f"{given[0]} is given, but belongs to objects only; leave it out for a {self.kind}")
         if self.trim is not None and self.trim[1] - self.trim[0] < SHORTEST:
             raise ValueError(
                 f"trim is [{self.trim[0]:g}, {self.trim[1]:g}]; expected [begin, end], {SHORTEST} s or more"
             )
         heard = [name for name in ("trim", "split") if getattr(self, name) is not None]
-        if self.kind == "object" and heard:
-            raise ValueError(f"{heard[0]} is given, but belongs to sounds only; leave it out for an object")
+        if self.kind != "sound" and heard:
+            article = "an" if self.kind == "object" else "a"
+            raise ValueError(f"{heard[0]} is given, but belongs to sounds only; leave it out for {article} {self.kind}")
         if self.kind == "object" and (self.up is None or self.front is None):
             raise ValueError("an object needs up and front, e.g. up: y, front: +z")
         return self
+
+    @property
+    def terms(self) -> Licence:
+        """Its licence, author and source."""
+        return Licence(self.licence, self.author, self.url or self.ref)
 
     @property
     def attribution(self) -> str:
@@ -158,7 +168,10 @@ class Lock(BaseModel):
 
 def dump_lock(lock: Lock) -> bytes:
     """The bytes of a lock file; the same entries give the same bytes, in whatever order they came."""
-    entries = [entry.model_dump(exclude_none=True) for entry in sorted(lock.assets, key=lambda entry: entry.id)]
+    entries = [
+        entry.model_dump(exclude_none=True, exclude=set() if entry.category else {"category"})
+        for entry in sorted(lock.assets, key=lambda entry: entry.id)
+    ]
     text = yaml.dump(
         {"version": lock.version, "assets": entries}, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=4096
     )

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Protocol
 
 from avs3d_bench.errors import Avs3dError, UsageError
-from generators.library.lock import Kind, read_lock
+from generators.library.lock import AssetEntry, Kind, read_lock
 from generators.library.store import Store, find_entry
 
 
 class Named(Protocol):
-    """An entry of a manifest's ``objects`` or ``sounds`` (`ObjectSpec`, `SoundSpec`)."""
+    """An entry of a manifest's ``objects``, ``sounds`` or ``scans`` (`ObjectSpec`, `SoundSpec`, `ScanSpec`)."""
 
     @property
     def asset(self) -> str | None:
@@ -24,13 +24,15 @@ class Named(Protocol):
 Table = Mapping[str, Sequence[Named]]
 
 
-def named_assets(objects: Table, sounds: Table) -> tuple[str, ...]:
+def named_assets(objects: Table, sounds: Table, scans: Iterable[Named] = ()) -> tuple[str, ...]:
     """Ids of all assets that a manifest names, sorted, without repetition."""
-    items = [item for table in (objects, sounds) for entries in table.values() for item in entries]
+    items = [*scans, *(item for table in (objects, sounds) for entries in table.values() for item in entries)]
     return tuple(sorted({item.asset for item in items if item.asset is not None}))
 
 
-def check_assets(lock: Path, objects: Table, sounds: Table, categories: Iterable[str]) -> None:
+def check_assets(
+    lock: Path, objects: Table, sounds: Table, categories: Iterable[str], scans: Mapping[str, Named] = {}
+) -> None:
     """Refuse a manifest with assets that are missing from the lock file or the store, or of another kind.
 
     Args:
@@ -38,6 +40,7 @@ def check_assets(lock: Path, objects: Table, sounds: Table, categories: Iterable
         objects: the field of the manifest.
         sounds: the field of the manifest.
         categories: the categories that will be generated; the others are not looked at.
+        scans: those that will be used, by their names.
 
     Raises:
         UsageError: if the lock file lacks one, or it is of another kind or category than the manifest says.
@@ -53,16 +56,31 @@ def check_assets(lock: Path, objects: Table, sounds: Table, categories: Iterable
                 entry = find_entry(lock, item.asset)
                 if (entry.kind, entry.category) != (kind, category):
                     raise UsageError(
-                        f"{lock}: {entry.id} is the {entry.kind} of a {entry.category}, but the manifest needs the "
+                        f"{lock}: {entry.id} is {_what(entry)}, but the manifest needs the "
                         f"{kind} of a {category}; name another asset, or correct its entry"
                     )
                 if not store.path(entry).is_file():
                     missing.append(entry.id)
+    for name, scan in scans.items():
+        if scan.asset is None:
+            continue
+        entry = find_entry(lock, scan.asset)
+        if entry.kind != "scan":
+            raise UsageError(
+                f"{lock}: {entry.id} is the {entry.kind} of a {entry.category}, but scans.{name} needs a scan; name "
+                "another asset"
+            )
+        if not store.path(entry).is_file():
+            missing.append(entry.id)
     if missing:
         more = f" and {len(missing) - 3} more" if len(missing) > 3 else ""
         raise Avs3dError(
             f"{store.root}: {', '.join(missing[:3])}{more} not in the store; run: avs3d assets fetch --lock {lock}"
         )
+
+
+def _what(entry: AssetEntry) -> str:
+    return f"the {entry.kind} of a {entry.category}" if entry.category else "a scan"
 
 
 def asset_digests(lock: Path, assets: Iterable[str]) -> dict[str, str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +16,8 @@ import soundfile
 from avs3d_bench.contract.taxonomy import check_category_name
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import files
+from generators.assets.meshcheck import check_file
+from generators.assets.meshfile import load_mesh
 from generators.core.limits import SoundSplit
 from generators.library.download import Delivered
 from generators.library.http import FetchLimits, Say
@@ -85,7 +88,7 @@ class Offer:
             Avs3dError: if a field is not valid (a title of a thousand characters, a height of 80 m, …).
         """
         fields: dict[str, Any] = {
-            "id": self.id, "kind": self.kind, "category": check_category_name(self.category),
+            "id": self.id, "kind": self.kind, "category": self.category,
             "source": self.source, "ref": self.ref, "url": self.url, "title": _line(self.title) or self.ref,
             "author": _line(self.author) or "unknown", "licence": _line(self.licence) or "unknown",
             "file": self.file, "sha256": sha256, "bytes": size, "trim": self.trim, "split": self.split,
@@ -149,7 +152,8 @@ def keep(offer: Offer, session: Session, data: bytes, stance: Stance = Stance())
 
 def admit(offer: Offer, session: Session) -> None:
     """Refuse an offer whose licence forbids the use; report the conditions of the licence."""
-    check_category_name(offer.category)
+    if offer.kind != "scan":
+        check_category_name(offer.category)
     note = check_licence(offer.id, offer.licence, session.allowed)
     if note:
         session.say(note)
@@ -176,6 +180,10 @@ def check_usable(entry: AssetEntry, session: Session) -> None:
         for line in session.store.findings(entry):
             if line.startswith("warning"):
                 session.say(f"{entry.id}: {line}")
+    elif entry.kind == "scan":
+        path = session.store.path(entry)
+        check_file(path)
+        load_mesh(path, twin="surface", max_acoustic_faces=sys.maxsize, textures=False)
     else:
         check_sound(entry, session)
 

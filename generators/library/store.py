@@ -29,6 +29,8 @@ from generators.library.lock import AssetEntry, read_lock
 
 #: Suffixes that the cleaning reads.
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".dae")
+#: Suffixes of scans: one file with geometry and colour.
+SCAN_SUFFIXES = (".glb", ".ply")
 #: Suffixes that libsndfile ≥ 1.1 decodes.
 SOUND_SUFFIXES = (".wav", ".flac", ".ogg", ".mp3", ".aif", ".aiff")
 
@@ -225,7 +227,7 @@ def check_asset(lock: Path, asset: str, store: Store | None = None) -> AssetEntr
 
 
 def open_asset(lock: Path, asset: str, store: Store | None = None) -> tuple[Path, AssetEntry]:
-    """The file that generation reads for an asset: a sound as delivered, an object's cleaned GLB.
+    """The file that generation reads for an asset: a sound or a scan as delivered, an object's cleaned GLB.
 
     Args:
         lock: the lock file, beside the manifest.

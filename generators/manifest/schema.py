@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
     AfterValidator,
@@ -152,16 +152,20 @@ class LicenceSpec(_Model):
 class ScanSpec(_Model):
     """A home: a procedural ``apartment`` from a seed, or a ``scan`` (HM3D, Matterport3D, any GLB, glTF, OBJ or PLY).
 
-    For a scan, ``file`` names its mesh; without it, the mesh is found by the scan's id below the folder of scans.
-    ``up`` and ``front`` are the file's axes that become +Y and +Z (default: those of its data set). ``rooms``: room
-    name → [[x, y, z], [x, y, z]], the lowest and highest corner of the room's inside (Y up, metres); rooms that are
+    For a scan, ``file`` names its mesh, or ``asset`` one of the lock file; without either, the mesh is found by the
+    scan's id below the folder of scans. ``up`` and ``front`` are the file's axes that become +Y and +Z (default: those
+    of its data set). ``rooms``: room name → [[x, y, z], [x, y, z]], the lowest and highest corner of the room's inside (Y up, metres); rooms that are
     not given are taken from the scan's annotations. ``materials``: a SoundSpaces material file (JSON). ``splats``: the
     same place in 3D Gaussians (PLY of 3D-GS), in the frame of ``file``, for ``--vision splats``; found as ``file`` is.
     """
 
+    #: Fields of a scan; all but ``file`` are later than the first version.
+    _of_scans: ClassVar[tuple[str, ...]] = ("file", "asset", "up", "front", "materials", "splats")
+
     source: Literal["apartment", "scan"] = "apartment"
     seed: int | None = Field(None, ge=0, strict=True)
     file: Line | None = None
+    asset: Line | None = None
     up: Axis | None = None
     front: Axis | None = None
     materials: Line | None = None
@@ -173,8 +177,13 @@ class ScanSpec(_Model):
     def _complete(self) -> ScanSpec:
         if self.source == "apartment" and self.seed is None:
             raise ValueError("an apartment needs a seed")
-        if self.source == "apartment" and (self.file or self.up or self.front or self.materials or self.splats):
-            raise ValueError("file, up, front, materials and splats belong to a scan; write source: scan")
+        own = [name for name in self._of_scans if getattr(self, name) not in (None, {})]
+        if self.source == "apartment" and own:
+            raise ValueError(f"{', '.join(own)} belong to a scan; write source: scan")
+        if self.asset and (self.file or self.licence):
+            raise ValueError(
+                "asset names a scan of assets.lock.yaml, with its file and its licence; leave these two out here"
+            )
         if (self.up is None) != (self.front is None):
             raise ValueError("up and front belong together: give both axes, or neither")
         if self.up and self.front and self.up[-1] == self.front[-1]:
@@ -183,8 +192,8 @@ class ScanSpec(_Model):
 
     def identity(self) -> dict[str, Any]:
         """Content for digests: options that later versions added count only where they are set."""
-        late = ("up", "front", "materials", "splats")
-        return {name: value for name, value in self.model_dump().items() if value is not None or name not in late}
+        late = self._of_scans[1:]
+        return {name: value for name, value in self.model_dump().items() if value not in (None, {}) or name not in late}
 
 
 class AssetSpec(_Model):

@@ -212,9 +212,8 @@ def load_object(plan: ObservationPlan, category: str, chosen: ObjectSpec, height
     )
     if chosen.asset is not None:
         path, entry = open_asset(plan.lock, chosen.asset)
-        licence = Licence(entry.licence, entry.author, entry.url or entry.ref)
         usual = usual._replace(mount=entry.mount or usual.mount)
-        model = load_model(path, category, licence=licence, height=entry.height or height, usual=usual)
+        model = load_model(path, category, licence=entry.terms, height=entry.height or height, usual=usual)
         return replace(model, name=entry.id)
     path = resolve_file(plan.base, str(chosen.file), f"mesh for {category}")
     licence = file_licence(chosen)

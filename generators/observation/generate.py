@@ -107,8 +107,11 @@ def generate_observation(
             if writer.keeps(layout.audio_path(layout.MONO, index)):
                 writer.add_mono(index, mono_clip(clips, index))
         writer.add_sounding_mesh(*(placement.mesh for placement in prepared.sounding.values()))
+        top_view = prepared.stage.top_view(plan.spec.room)
+        if top_view is not None:
+            writer.add_top_view(top_view.rgb)
         decays = [second.decay for second in seconds if second.decay is not None]
-        return writer.finish(describe_observation(prepared, frames, background, decays))
+        return writer.finish(describe_observation(prepared, frames, background, decays, top_view))
 
 
 class CoreBudget:

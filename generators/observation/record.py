@@ -24,6 +24,7 @@ from avs3d_bench.contract.schema import (
     ObservationRecord,
     SoundRecord,
     SourceRecord,
+    TopViewRecord,
     VisionRecord,
 )
 from avs3d_bench.geometry import Pose, direction_to
@@ -40,6 +41,7 @@ from generators.observation.stems import Clip
 from generators.paths.watcher import line_of_sight, point_in_sight
 from generators.placement.placement import Placement
 from generators.plan import ObservationPlan
+from generators.vision.top_view import TopView
 
 
 def describe_observation(
@@ -47,6 +49,7 @@ def describe_observation(
     frames: Sequence[FrameRecord],
     background: BackgroundRecord | None,
     decays: list[NDArray[np.float32]],
+    top_view: TopView | None = None,
 ) -> ObservationRecord:
     """The record in observation.json, without its list of files.
 
@@ -55,6 +58,7 @@ def describe_observation(
         frames: records of the frames.
         background: its record; None: there is none.
         decays: impulse responses (2, n) from which the reverberation time is read; none where nothing sounds.
+        top_view: the room from above; None: there is no such picture.
     """
     plan, spec = prepared.plan, prepared.plan.spec
     first = prepared.sources[0] if prepared.sources else None
@@ -84,9 +88,17 @@ def describe_observation(
         vision=VisionRecord(backend=prepared.renderer.name, version=prepared.renderer.version),
         device=describe_device(plan),
         options=plan.options.further() or None,
+        top_view=describe_top_view(top_view),
         frames=tuple(frames),
         files={},
     )
+
+
+def describe_top_view(view: TopView | None) -> TopViewRecord | None:
+    """The record of the area that a picture from above shows."""
+    if view is None:
+        return None
+    return TopViewRecord(left=view.left, top=view.top, width=view.width, height=view.height)
 
 
 def describe_source(source: SoundSource) -> SourceRecord:

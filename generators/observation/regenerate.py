@@ -204,7 +204,7 @@ def _named_files(plan: ObservationPlan) -> tuple[str, ...]:
     items = [item for table in (plan.sounds, plan.objects) for name in categories for item in table.get(name, ())]
     names = {item.file or item.asset for item in items}
     if plan.scan.source == "scan":
-        names |= {plan.scan.file or f"scan {plan.spec.scan}", plan.scan.materials}
+        names |= {plan.scan.file or plan.scan.asset or f"scan {plan.spec.scan}", plan.scan.materials}
     return tuple(sorted(name for name in names if name))
 
 
@@ -246,8 +246,8 @@ class ComparingOutput(MemoryOutput):
         self.differences: dict[str, str] = {}
 
     def keeps(self, name: str) -> bool:
-        """Files of the chosen frames, and the mesh; what follows from all frames is not made."""
-        return PurePath(name).stem in self._chosen or name == layout.SOUNDING_OBJECT
+        """Files of the chosen frames, the mesh and the picture from above; what follows from all frames is not made."""
+        return PurePath(name).stem in self._chosen or name in (layout.SOUNDING_OBJECT, layout.TOP_VIEW)
 
     def where(self, name: str) -> Path:
         """The file of the finished observation."""

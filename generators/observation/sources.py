@@ -197,7 +197,7 @@ def sound_file(plan: ObservationPlan, category: str, spec: SoundSpec) -> SoundFi
     """
     if spec.asset is not None:
         path, entry = open_asset(plan.lock, spec.asset)
-        licence = Licence(entry.licence, entry.author, entry.url or entry.ref)
+        licence = entry.terms
         return SoundFile(path, entry.id, licence, entry.trim)
     path = resolve_file(plan.base, str(spec.file), f"sound for {category}")
     return SoundFile(path, str(spec.file), file_licence(spec))

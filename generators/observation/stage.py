@@ -21,6 +21,7 @@ from generators.lighting.moving_light import MovingLight
 from generators.paths.motion import Motion
 from generators.placement.placement import Placement
 from generators.vision.base import RenderedView, VisionBackend, VisionSession
+from generators.vision.top_view import TopView, render_top_view
 
 Array = NDArray[np.float64]
 
@@ -81,6 +82,10 @@ class Stage:
     def acoustic_scene(self) -> Scene:
         """The scene at time 0, as an acoustic engine needs it: its light may be missing."""
         return self.scene(0) if self.moves else self._home.with_parts(self._still_parts)
+
+    def top_view(self, room: str) -> TopView | None:
+        """The home from above, without the objects; None if it is no scan."""
+        return render_top_view(self._home, self._home.room(room))
 
     def scene(self, second: int) -> Scene:
         """The lit scene at the beginning of a second; the same object while nothing changes."""

@@ -172,13 +172,19 @@ class ObservationWriter:
         vertices, index = np.unique(corners, axis=0, return_inverse=True)
         out.put(name, ply.encode_ply_mesh(out.where(name), vertices, index.reshape(-1, 3).astype(np.int32)))
 
+    def add_top_view(self, rgb: NDArray[np.uint8]) -> None:
+        """Write ``top_view.png`` from (H, W, 3) RGB."""
+        name, out = layout.TOP_VIEW, self._output
+        if out.keeps(name):
+            out.put(name, media.encode_png_rgb(out.where(name), rgb))
+
     def finish(self, record: ObservationRecord) -> ObservationRecord:
         """Write the split and observation.json with sha256 and size of every file, and give all of it its name."""
         if self._output.keeps(layout.SPLITS_JSON):
             self._output.put(layout.SPLITS_JSON, files.dump_json(CameraSplits.of(self._frames)).encode())
         digests = dict(self._shared)
         sizes: dict[str, int] = {}
-        names = [name for name in self._paths() if self._output.keeps(name)]
+        names = [name for name in self._paths(record) if self._output.keeps(name)]
         for name in names:
             sizes[name] = self._output.size(name)
             if name not in digests and not name.startswith(f"{layout.IMAGES}/"):
@@ -194,7 +200,7 @@ class ObservationWriter:
         if self._output.keeps(name):
             self._output.put(name, media.encode_wav(self._output.where(name), clip))
 
-    def _paths(self) -> tuple[str, ...]:
+    def _paths(self, record: ObservationRecord) -> tuple[str, ...]:
         """Every file that the observation must have, relative to its folder."""
         return layout.expected_files(
             self._frames,
@@ -202,4 +208,5 @@ class ObservationWriter:
             rirs=self._rirs,
             part_3=self._contents,
             receivers=self._channels,
+            top_view=record.top_view is not None,
         )

@@ -32,6 +32,7 @@ from avs3d_bench.formats import files
 from avs3d_bench.runtime.provenance import Provenance
 from generators.library.licences import conditions
 from generators.library.lock import LOCK_NAME, read_lock
+from generators.library.store import find_entry
 from generators.manifest.reading import ManifestFile
 from generators.manifest.schema import AssetSpec, ScanSpec
 
@@ -155,13 +156,16 @@ def licence_of(backends: Iterable[str], attributions: Iterable[AttributionRecord
 
 def _of_scans(source: ManifestFile) -> list[AttributionRecord]:
     return [
-        AttributionRecord(asset=f"scan:{name}", **_terms(name, scan).model_dump())
+        AttributionRecord(asset=f"scan:{name}", **_terms(source, name, scan).model_dump())
         for name, scan in source.manifest.scans.items()
     ]
 
 
-def _terms(name: str, scan: ScanSpec) -> LicenceRecord:
-    """Licence of a home: what the manifest says, or what is known without it."""
+def _terms(manifest: ManifestFile, name: str, scan: ScanSpec) -> LicenceRecord:
+    """Licence of a home: what the manifest or the lock file says, or what is known without them."""
+    if scan.asset:
+        terms = find_entry(manifest.base / LOCK_NAME, scan.asset).terms
+        return LicenceRecord(name=terms.name, author=terms.author, source=terms.source)
     where = scan.file or name
     if scan.licence is not None:
         own = scan.licence

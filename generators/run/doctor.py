@@ -15,6 +15,8 @@ from avs3d_bench.runtime.user_path import user_path
 _EXTRA = "pip install 'avs3d-bench[generate]'"
 #: Scans of the paper's benchmark (their ids are published).
 PAPER_SCANS = ("5ZKStnWn8Zo", "q9vSo1VnCiC", "sT4fr6TAbpF", "wc2JMjhGNzB")
+#: Pins the scans of scenes_manifest/open-scans.yaml.
+OPEN_LOCK = Path(__file__).resolve().parents[2] / "scenes_manifest" / "assets.lock.yaml"
 #: Where Debian's package sweethome3d-furniture puts its libraries.
 FURNITURE = Path("/usr/share/sweethome3d/furniture")
 
@@ -98,6 +100,7 @@ def checks() -> tuple[Check, ...]:
         Check("generate", "splats", _splats),
         Check("habitat", "habitat-sim", _habitat),
         Check("scans", "scans", _scans),
+        Check("scans", "free scans", _free_scans),
         Check("assets", "assets", _assets),
         *(_token(*names) for names in (("SKETCHFAB_TOKEN", "Sketchfab"), ("FREESOUND_TOKEN", "Freesound"))),
     )
@@ -187,6 +190,31 @@ def _scans() -> tuple[CheckResult, ...]:
         return (CheckResult("scans", "scans", "ok", f"{root}: all {len(found)} scans of 3davs-s34-o7"),)
     said = f"{root}: {len(found)} of the {len(PAPER_SCANS)} scans of 3davs-s34-o7, not {', '.join(absent)}"
     return (CheckResult("scans", "scans", "note", said, "put <id>/<id>.glb of Matterport3D below that folder"),)
+
+
+def _free_scans() -> tuple[CheckResult, ...]:
+    """The pinned scans that open-scans.yaml uses: those that are in the store, and those that are not."""
+    if not has_package("trimesh"):
+        return (CheckResult("scans", "free scans", "note", "looked at once [generate] is there", _EXTRA),)
+    from generators.library.lock import read_lock
+    from generators.library.store import Store
+
+    try:
+        store = Store.default()
+        entries = [entry for entry in read_lock(OPEN_LOCK).assets if entry.kind == "scan"]
+    except Avs3dError as error:
+        return (CheckResult("scans", "free scans", "broken", str(error), "correct the file, or AVS3D_ASSETS"),)
+    if not entries:
+        return (CheckResult("scans", "free scans", "missing", f"{OPEN_LOCK} names none", "get it from the repository"),)
+    named = {entry.id: f"{entry.id} ({entry.licence})" for entry in entries}
+    absent = [named[entry.id] for entry in entries if store.problem(entry)]
+    fix = "avs3d assets fetch --manifest scenes_manifest/open-scans.yaml"
+    if len(absent) == len(entries):
+        return (CheckResult("scans", "free scans", "missing", f"not in the store: {', '.join(absent)}", fix),)
+    here = ", ".join(text for text in named.values() if text not in absent)
+    if absent:
+        return (CheckResult("scans", "free scans", "note", f"{here}; not in the store: {', '.join(absent)}", fix),)
+    return (CheckResult("scans", "free scans", "ok", f"in the store: {here}"),)
 
 
 def _assets() -> tuple[CheckResult, ...]:

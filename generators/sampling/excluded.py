@@ -105,7 +105,7 @@ def _add(found: Excluded, manifest: Manifest) -> None:
     for name, scan in manifest.scans.items():
         if scan.source == "scan":
             # A sealed test names the files of its scans; a public manifest that does so, too, names the same ones.
-            found.scans.setdefault(scan.file or name, manifest.name)
+            found.scans.setdefault(scan.file or scan.asset or name, manifest.name)
         elif scan.seed is not None:
             found.homes.setdefault(scan.seed, manifest.name)
     for spec in manifest.observations:

@@ -246,7 +246,7 @@ def check_place(source: ManifestFile, output: Path) -> None:
     """
     manifest = source.manifest
     named = [*manifest.objects.values(), *manifest.sounds.values()]
-    relative = any(named) or any(scan.file or scan.materials for scan in manifest.scans.values())
+    relative = any(named) or any(scan.file or scan.asset or scan.materials for scan in manifest.scans.values())
     if relative and output.resolve().parent != source.base:
         raise UsageError(
             f"{output}: {source.path.name} names files or assets relative to its folder; write the sweep to "

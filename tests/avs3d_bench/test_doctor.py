@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import subprocess
@@ -148,6 +149,32 @@ def test_the_papers_scans_are_looked_for(monkeypatch: pytest.MonkeyPatch, tmp_pa
     (tmp_path / last).mkdir()
     (tmp_path / last / f"{last}.glb").write_bytes(b"glTF")
     assert generators.run.doctor._scans()[0].state == "ok"
+
+
+def test_free_scans_are_named_whether_they_are_there_or_not(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    import generators.run.doctor
+    from generators.library import AssetEntry, Store, update_lock
+
+    data = [b"glTF of a flat", b"glTF of a house"]
+    entries = [
+        AssetEntry(
+            id=f"github/ann/{name}", kind="scan", source="github", ref="x", title=name, author="Ann", licence="CC0-1.0",
+            file="scan.glb", sha256=hashlib.sha256(each).hexdigest(), bytes=len(each),
+        )
+        for name, each in zip(("flat", "house"), data, strict=True)
+    ]  # fmt: skip
+    monkeypatch.setenv("AVS3D_ASSETS", str(tmp_path / "store"))
+    monkeypatch.setattr(generators.run.doctor, "OPEN_LOCK", tmp_path / "assets.lock.yaml")
+    update_lock(tmp_path / "assets.lock.yaml", entries)
+    states = []
+    for entry, each in zip(entries, data, strict=True):
+        (finding,) = generators.run.doctor._free_scans()
+        states.append(finding.state)
+        assert all(f"{one.id} (CC0-1.0)" in finding.found for one in entries)
+        assert finding.fix.startswith("avs3d assets fetch --manifest")
+        Store.default().put(entry.id, entry.file, each)
+    (finding,) = generators.run.doctor._free_scans()
+    assert [*states, finding.state] == ["missing", "note", "ok"]
 
 
 def test_checkpoints_are_looked_for_one_by_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):

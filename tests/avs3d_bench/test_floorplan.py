@@ -12,7 +12,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from avs3d_bench.dataset import Dataset
+from avs3d_bench.contract import layout
+from avs3d_bench.dataset import Dataset, Observation
+from avs3d_bench.formats import media
 from avs3d_bench.inspector.contact_sheet import chosen_frames, draw_contact_sheet
 from avs3d_bench.inspector.floorplan import (
     FLOOR_COLOUR,
@@ -21,6 +23,7 @@ from avs3d_bench.inspector.floorplan import (
     Bounds,
     PlanOutlines,
     paint_plan,
+    plan_picture,
     trace_plan,
 )
 from avs3d_bench.inspector.labels import LabelBox, place_labels
@@ -154,3 +157,56 @@ def test_a_contact_sheet_opens_on_a_frame_that_shows_the_object() -> None:
     assert sorted(set(some)) == sorted(some)
     assert len(some) == 4
     assert chosen_frames([0, 0, 0], 8) == [0, 1, 2], "where it is never in view: the first"
+
+
+# ---- a scan's picture from above ------------------------------------------------------------------------------------
+
+#: What the picture shows: 4 m × 2 m at 10 pixels a metre, of which the right quarter is unknown.
+AREA = {"left": -1.0, "top": 0.0, "width": 4.0, "height": 2.0}
+RED, BLUE = (200, 40, 0), (0, 80, 200)
+
+
+@pytest.fixture(scope="module")
+def scanned(tmp_path_factory: pytest.TempPathFactory) -> Observation:
+    root = tmp_path_factory.mktemp("scanned") / "data"
+    tiny.write_dataset(root, frames=9)
+    rgb = np.zeros((20, 40, 3), dtype=np.uint8)
+    rgb[:10, :30], rgb[10:, :30] = RED, BLUE
+    media.write_png_rgb(root / tiny.SINGLE / layout.TOP_VIEW, rgb)
+    tiny.edit_record(root, tiny.SINGLE, lambda record: record.update(top_view=AREA))
+    return Dataset(root)[tiny.SINGLE]
+
+
+def paler(colour: tuple[int, int, int]) -> list[int]:
+    return [round(c + 0.25 * (255 - c)) for c in colour] + [255]
+
+
+@pytest.mark.parametrize("scale", [10, 25, 6])
+def test_a_scan_is_shown_from_above_where_it_is(scanned: Observation, scale: int) -> None:
+    bounds = Bounds(-2.0, -1.0, 6.0, 4.0)
+    picture = plan_picture(scanned, bounds, (6 * scale, 4 * scale))
+    assert picture.shape == (4 * scale, 6 * scale, 4)
+
+    def at(x: float, z: float) -> list[int]:
+        found: list[int] = picture[int((z - bounds.top) * scale), int((x - bounds.left) * scale)].tolist()
+        return found
+
+    for x in (-0.7, 1.7):
+        assert at(x, 0.4) == paler(RED)
+        assert at(x, 1.6) == paler(BLUE)
+    # Unknown, and outside of the picture on each side.
+    assert all(at(x, z)[3] == 0 for x, z in ((2.6, 1.0), (-1.4, 1.0), (3.6, 1.0), (0.0, -0.5), (0.0, 2.6)))
+
+
+def test_a_map_may_show_a_part_of_the_scan(scanned: Observation) -> None:
+    picture = plan_picture(scanned, Bounds(0.0, 0.5, 1.0, 1.0), (40, 40))
+    assert (picture[:19] == paler(RED)).all()
+    assert (picture[21:] == paler(BLUE)).all()
+
+
+def test_a_sheet_of_a_scan_shows_its_colours(scanned: Observation) -> None:
+    figure = draw_contact_sheet(Dataset(scanned.path.parents[3]), scanned.key, columns=3)
+    canvas: Any = figure.canvas
+    canvas.draw()
+    pixels = np.array(canvas.buffer_rgba())[..., :3].astype(int)
+    assert (np.abs(pixels - paler(BLUE)[:3]).max(axis=2) <= 2).sum() > 1000

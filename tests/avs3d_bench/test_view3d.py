@@ -23,11 +23,11 @@ from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import media
 from avs3d_bench.geometry import Pose
-from avs3d_bench.inspector.floorplan import HEAD
+from avs3d_bench.inspector.floorplan import EYES, HEAD
 from avs3d_bench.inspector.view3d import room_note, save_view, scene_title
 from avs3d_bench.inspector.view3d_data import MOST_PREDICTED, moved_from, read_prediction, read_scene
 from avs3d_bench.inspector.view3d_stage import PREDICTED, box_edges, legend, opencv_rotation, textured_glb
-from avs3d_bench.inspector.view3d_surfaces import LONGEST, MOST_FRAMES, Patches, VisibleSurface
+from avs3d_bench.inspector.view3d_surfaces import BELOW_FLOOR, LONGEST, MOST_FRAMES, Patches, VisibleSurface
 from tests.support.browser import launch, visit
 from tests.support.shared import SharedDataset
 from tests.support.tiny import MULTI, SINGLE, edit_record, write_dataset, write_release
@@ -54,6 +54,31 @@ def viser() -> object:
 
 
 # ------------------------------------------------------------------------------------------------------ what is shown
+
+
+def test_the_picture_of_a_scan_from_above_lies_on_its_floor(tmp_path: Path) -> None:
+    write_dataset(tmp_path / "data", frames=FRAMES)
+    observation = Dataset(tmp_path / "data")[SINGLE]
+    floor = min(frame.pose.position[1] for frame in observation.frames) - EYES
+    assert all(surface.name != "floor" for surface in read_scene(observation).surfaces)
+    # 4 m × 2 m, whose right quarter is unknown.
+    rgb = np.zeros((40, 80, 3), dtype=np.uint8)
+    rgb[:, :60] = (200, 40, 0)
+    media.write_png_rgb(observation.path / layout.TOP_VIEW, rgb)
+    area = {"left": -1.0, "top": 2.0, "width": 4.0, "height": 2.0}
+    edit_record(tmp_path / "data", SINGLE, lambda record: record.update(top_view=area))
+    surface = read_scene(Dataset(tmp_path / "data")[SINGLE]).surfaces[-1]
+    assert surface.name == "floor"
+    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+    assert (low[0], high[0], low[2], high[2]) == pytest.approx((-1.0, 2.0, 2.0, 4.0), abs=1e-6)
+    assert (low[1], high[1]) == pytest.approx((floor - BELOW_FLOOR,) * 2, abs=1e-6)
+    # The picture is not mirrored: its left side is at the lowest x, its upper side at the lowest z.
+    assert np.allclose(surface.pixels[:, 0] * 4.0 - 1.0, surface.vertices[:, 0], atol=1e-6)
+    assert np.allclose(surface.pixels[:, 1] * 2.0 + 2.0, surface.vertices[:, 2], atol=1e-6)
+    # Faces look upwards, and none shows what is unknown.
+    a, b, c = (surface.vertices[surface.faces[:, k]] for k in range(3))
+    assert (np.cross(b - a, c - a)[:, 1] > 0).all()
+    assert surface.pixels[:, 0].max() <= 0.75 + 1e-6
 
 
 def test_points_of_depth_lie_on_the_walls_and_boxes(root: Path) -> None:

@@ -226,7 +226,7 @@ def test_published_manifests_name_the_engine_they_were_made_with() -> None:
         path.name: read_manifest(path).manifest.audio for path in MANIFESTS.glob("*.yaml") if "lock" not in path.name
     }
     assert named.pop("demo.yaml") is None
-    assert {named.pop(f"{name}.yaml") for name in ("train", "robustness", "marks-tune")} == {"tracer"}
+    assert {named.pop(f"{name}.yaml") for name in ("train", "robustness", "marks-tune", "open-scans")} == {"tracer"}
     assert set(named.values()) == {"soundspaces"}
 
 

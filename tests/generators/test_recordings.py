@@ -80,7 +80,7 @@ def test_a_file_of_a_commit_is_pinned_and_fetched_again(server: Server, tmp_path
     ("ref", "more", "words"),
     [
         ("ann/house-sounds:clock.wav", CREDIT, "names no file of a commit; expected OWNER/REPOSITORY@COMMIT:PATH"),
-        (f"ann/house-sounds@{COMMIT}:clock.mid", CREDIT, "is no sound; expected .wav"),
+        (f"ann/house-sounds@{COMMIT}:clock.mid", CREDIT, "is no sound and no scan; expected .wav"),
         (REF, (), "GitHub does not say who made a file; name --licence and --author"),
         (REF, ("--licence", "CC BY-ND 4.0", "--author", "Ann"), "forbids adaptations"),
         (REF, CREDIT, "look for the commit and the path"),

@@ -61,6 +61,7 @@ from avs3d_bench.contract.schema.observation import (
     ResonanceRecord,
     SoundRecord,
     SourceRecord,
+    TopViewRecord,
     VisionRecord,
 )
 from avs3d_bench.contract.schema.seal import (
@@ -122,6 +123,7 @@ __all__ = [
     "SourceRecord",
     "SubmissionRecord",
     "Text",
+    "TopViewRecord",
     "Vector3",
     "VisionRecord",
     "describe",

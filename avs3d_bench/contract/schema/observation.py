@@ -57,6 +57,18 @@ class IntrinsicsRecord(Record):
         return Intrinsics(self.width, self.height, self.fx, self.fy, self.cx, self.cy)
 
 
+class TopViewRecord(Record):
+    """`top_view.png`: the room of a scan from above, cut at head height, without placed objects.
+
+    x is to the right, z downwards. Pixels that are black (0, 0, 0) show nothing.
+    """
+
+    left: float = Field(description="x of the picture's left side, metres")
+    top: float = Field(description="z of the picture's upper side, metres")
+    width: Positive = Field(description="metres")
+    height: Positive = Field(description="metres")
+
+
 class InstanceRecord(Record):
     """One placed object. Its id is its pixel value in `instance_masks/`, where 0 is the home.
 
@@ -353,7 +365,7 @@ class ObservationRecord(Record):
 
     part_3_fields: ClassVar[tuple[str, ...]] = ("sources", "background", "group")
     left_out: ClassVar[frozenset[str]] = frozenset(
-        {"variant_of", "source_motion", "sizes", "categories", "device", "options", *part_3_fields}
+        {"variant_of", "source_motion", "sizes", "categories", "device", "options", "top_view", *part_3_fields}
     )
 
     schema_version: Literal["1.0", "1.1"] = Field(
@@ -406,6 +418,9 @@ class ObservationRecord(Record):
     )
     options: dict[str, Scalar] | None = Field(
         default=None, description="further options of `avs3d generate` on which the bytes depend; absent: the defaults"
+    )
+    top_view: TopViewRecord | None = Field(
+        default=None, description="area that `top_view.png` shows; absent outside of scans, which have no such picture"
     )
     frames: Annotated[tuple[FrameRecord, ...], Field(min_length=1, max_length=layout.MAX_FRAMES)]
     files: dict[RelativePath, Sha256] = Field(description="sha256 of every file beside observation.json")
