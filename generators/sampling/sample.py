@@ -18,12 +18,13 @@ import numpy as np
 from numpy.random import Generator
 
 from avs3d_bench.contract.layout import observation_key
+from avs3d_bench.contract.taxonomy import OFF_SCREEN_CATEGORIES
 from avs3d_bench.errors import Avs3dError, UsageError
 from generators.core.limits import SoundSplit
 from generators.manifest.schema import Manifest
 from generators.sampling.compositions import COMPOSITIONS
 from generators.sampling.excluded import Excluded
-from generators.sampling.rooms import LOOK_ALIKE_SHARE, LOOK_ALIKES, MOST, MOST_BESIDE
+from generators.sampling.rooms import DISTRACTORS_IN, LOOK_ALIKE_SHARE, LOOK_ALIKES, MADE_BY, MOST, MOST_BESIDE
 
 _T = TypeVar("_T")
 
@@ -273,9 +274,30 @@ class _Drawer:
             one = _rarest(left, [self._focus["beside", name] for name in left], rng)
             self._focus["beside", one] += 1
             chosen.append(one)
+        # Drawn before anything is known about sound: what stands there tells nothing of what is heard.
         if room in LOOK_ALIKES and len(chosen) < most + 1 and rng.uniform() < LOOK_ALIKE_SHARE:
             chosen.append(LOOK_ALIKES[room])
+        if rng.uniform() < self._composition.distractors:
+            known = DISTRACTORS_IN[room]
+            one = _rarest(known, [self._focus["distractor", room, name] for name in known], rng)
+            self._focus["distractor", room, one] += 1
+            chosen.append(one)
         return chosen
+
+    def _no_class(self, unit: int, instances: dict[str, int], rng: Generator) -> str | None:
+        """The sound of no class that is heard in a group, if any: the rarest so far.
+
+        In every second group, if there is one, it is a sound that a distractor of the room could make.
+        """
+        turns = self._composition.no_class
+        if unit % 4 not in turns:
+            return None
+        names = list(OFF_SCREEN_CATEGORIES)
+        if (unit // 4 + turns.index(unit % 4)) % 2:
+            names = [name for name in names if MADE_BY.get(name) in instances] or names
+        one = _rarest(names, [self._focus["no class", name] for name in names], rng)
+        self._focus["no class", one] += 1
+        return one
 
     def _group(
         self, where: dict[str, Any], instances: dict[str, int], size: int, unit: int, rng: Generator
@@ -285,7 +307,8 @@ class _Drawer:
         if unit % 2 if self._composition.in_turn else rng.uniform() < BACKGROUND_SHARE:
             kind = BACKGROUNDS[int(rng.integers(len(BACKGROUNDS)))]
             background = {"background": {"kind": kind, "snr_db": int(rng.integers(SNR_DB[0], SNR_DB[1] + 1))}}
-        drawn = self._composition.siblings(where["room"], instances, unit, self._frames, rng)[:size]
+        no_class = self._no_class(unit, instances, rng)
+        drawn = self._composition.siblings(where["room"], instances, unit, self._frames, rng, no_class)[:size]
         kinds, sources = zip(*drawn, strict=True)
         twins = {} if self._composition.twins == "apart" else {"twins": self._composition.twins}
         first = where | {"instances": instances} | twins | {"sources": sources[0]} | background

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from avs3d_bench.contract.taxonomy import class_ids
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import UsageError
 from baselines import cli
-from baselines.sound_control import SAID, SOUND_CONTROLS, other_frame, sound_of, sounding_categories
+from baselines.sound_control import NO_CLASS, SAID, SOUND_CONTROLS, other_frame, sound_of, sounding_categories
 from tests.support import tiny, tiny_scenes
 from tests.support.shared import SharedDataset
 
@@ -66,6 +68,18 @@ def test_of_several_categories_the_most_alike_set_is_heard(dataset: Dataset, mon
     assert other_frame(frame, same_category=True).observation.key == KEYS[3]
     silent = dataset[KEYS[1]].frames[4]
     assert other_frame(silent, same_category=True) == silent
+
+
+def test_sounds_of_no_class_are_one_category() -> None:
+    """A dog that is heard in one home alone has another sound of no class, in another home, for its counterpart."""
+
+    def told(category: str) -> frozenset[str]:
+        source = SimpleNamespace(category=category)
+        record = SimpleNamespace(class_ids=class_ids(), sound_sources=(source,))
+        return sounding_categories(SimpleNamespace(record=record))  # type: ignore[arg-type]
+
+    assert told("dog") == told("street") == {NO_CLASS}
+    assert told("clock") == {"clock"}
 
 
 def test_what_the_dataset_lacks_is_one_line(dataset: Dataset) -> None:
