@@ -18,7 +18,7 @@ import numpy as np
 from numpy.random import Generator
 
 from avs3d_bench.contract.layout import observation_key
-from avs3d_bench.contract.taxonomy import OFF_SCREEN_CATEGORIES
+from avs3d_bench.contract.taxonomy import OFF_SCREEN_CATEGORIES as _NO_CLASS
 from avs3d_bench.errors import Avs3dError, UsageError
 from generators.core.limits import SoundSplit
 from generators.manifest.schema import Manifest
@@ -236,7 +236,17 @@ class _Drawer:
             )
             return SampledGroup((where | first, *rest), unit.kinds)
         rng = _stream(self._wanted.seed, f"unit/{number}/{draw}")
+        self._take_back(room, unit)
         return self._fill(where, len(unit.entries), number, rng)
+
+    def _take_back(self, room: str, unit: SampledGroup) -> None:
+        """Count no more what stood and was heard in a unit that is drawn again, so that all still take turns."""
+        first = unit.entries[0]
+        for name in (*first.get("silent", ()), *first.get("instances", ())):
+            self._focus["distractor", room, name] -= name in DISTRACTORS_IN[room]
+        heard = {one["category"] for entry in unit.entries for one in entry.get("sources", ())}
+        for name in heard & set(_NO_CLASS):
+            self._focus["no class", name] -= 1
 
     def _most(self, part: str) -> int:
         """The largest number of units of a part in a room."""
@@ -285,17 +295,18 @@ class _Drawer:
         return chosen
 
     def _no_class(self, unit: int, instances: dict[str, int], rng: Generator) -> str | None:
-        """The sound of no class that is heard in a group, if any: the rarest so far.
+        """The sound of no class that is heard in a group, if any: one of those that are the rarest so far.
 
-        In every second group, if there is one, it is a sound that a distractor of the room could make.
+        In every second of these groups it is one that a distractor of the room could make, if one of them is; in the
+        others it is one whose maker fits into the fewest rooms.
         """
         turns = self._composition.no_class
         if unit % 4 not in turns:
             return None
-        names = list(OFF_SCREEN_CATEGORIES)
+        makers = {name: sum(MADE_BY.get(name) in there for there in DISTRACTORS_IN.values()) for name in _NO_CLASS}
         if (unit // 4 + turns.index(unit % 4)) % 2:
-            names = [name for name in names if MADE_BY.get(name) in instances] or names
-        one = _rarest(names, [self._focus["no class", name] for name in names], rng)
+            makers = {name: MADE_BY.get(name) not in instances for name in _NO_CLASS}
+        one = _rarest(_NO_CLASS, [(self._focus["no class", name], makers[name]) for name in _NO_CLASS], rng)
         self._focus["no class", one] += 1
         return one
 

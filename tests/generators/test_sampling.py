@@ -602,11 +602,7 @@ def test_half_of_the_groups_of_listen_have_a_sound_of_no_class_and_all_sounds_ta
     counts = Counter(name for name in heard if name)
     assert sum(counts.values()) == len(heard) / 2
     assert set(counts) == set(OFF_SCREEN_CATEGORIES)
-    # Now and then, what could make the sound stands silent in the room, and now and then it does not.
-    there = [
-        MADE_BY.get(name) in group[0].objects for group, name in zip(groups(listening), heard, strict=True) if name
-    ]
-    assert {True, False} == set(there)
+    assert max(counts.values()) - min(counts.values()) <= 1
 
 
 @pytest.fixture(scope="module")
@@ -652,6 +648,11 @@ def test_a_sound_of_no_class_does_not_tell_whether_something_is_to_be_marked(man
     assert abs(means[0] - means[1]) < 3 * error
 
 
+def test_what_could_make_a_sound_of_no_class_sometimes_stands_silent_in_the_room(many) -> None:
+    there = [MADE_BY.get(name) in group[0].objects for group in many if (name := with_no_class(group))]
+    assert 0.1 < sum(there) / len(there) < 0.5
+
+
 def test_a_maker_in_the_room_does_not_tell_where_the_sound_is(many) -> None:
     """Which twin sounds beside a sound of no class is as independent of what stands there as without it."""
     for maker in (True, False):
@@ -681,7 +682,7 @@ def test_training_groups_hear_sounds_of_no_class_alone_and_beside_objects(large)
                 elif one.room is not None:
                     others += one.category not in spec.objects
     assert set(alone) == set(OFF_SCREEN_CATEGORIES)
-    assert max(alone.values()) - min(alone.values()) <= 3
+    assert max(alone.values()) - min(alone.values()) <= 2
     assert beside > 0
     assert others > alone.total() / 2
     units = [spec for spec in large[0].observations if spec.like is None]
@@ -759,6 +760,15 @@ def test_twins_that_do_not_fit_are_placed_anew_before_others_are_drawn() -> None
     assert moved(1).index == first.index + 10
     assert moved(again).model_copy(update={"index": first.index}) == first
     assert moved(again + 1).model_copy(update={"index": first.index}) != first
+
+
+def test_distractors_and_sounds_of_no_class_take_turns_though_most_groups_are_drawn_again() -> None:
+    wanted = Wanted(homes=8, observations=128, seed=3, parts=("part_3",), groups="listen")
+    asked = iter([range(16)] * 9 + [range(8)] * 5 + [()])
+    found = groups(drawn(wanted, misfits=lambda _: next(asked))[0])
+    assert {with_no_class(group) for group in found} == {None, *OFF_SCREEN_CATEGORIES}
+    stood = Counter(name for group in found for name in group[0].objects if name in DISTRACTORS_IN[group[0].room])
+    assert set(stood) == {name for names in DISTRACTORS_IN.values() for name in names}
 
 
 def test_twins_that_are_not_alike_do_not_fit() -> None:
