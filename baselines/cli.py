@@ -65,7 +65,7 @@ def _with_common(command: _F, metavar: str, output_help: str, overwrite_help: st
 def _common_of_several(command: _F) -> _F:
     """The same options of a command that writes several submissions."""
     return _with_common(
-        command, "FOLDER", "Folder of the submissions, one below it for each row.", "Replace existing submissions."
+        command, "DIR", "Folder of the submissions, one below it for each row.", "Replace existing submissions."
     )
 
 
