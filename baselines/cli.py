@@ -48,22 +48,25 @@ def baseline() -> None:
 
 def _common(command: _F) -> _F:
     """The options that every baseline has."""
+    return _with_common(command, "SUBMISSION", "Folder of the submission.", "Replace an existing submission.")
+
+
+def _with_common(command: _F, metavar: str, output_help: str, overwrite_help: str) -> _F:
     for option in (
-        click.option("--overwrite", is_flag=True, help="Replace an existing submission."),
+        click.option("--overwrite", is_flag=True, help=overwrite_help),
         only_option,
-        click.option(
-            "-o",
-            "--output",
-            "path",
-            type=OUTPUT_FOLDER,
-            metavar="SUBMISSION",
-            required=True,
-            help="Folder of the submission.",
-        ),
+        click.option("-o", "--output", "path", type=OUTPUT_FOLDER, metavar=metavar, required=True, help=output_help),
         dataset_option,
     ):
         command = option(command)
     return command
+
+
+def _common_of_several(command: _F) -> _F:
+    """The same options of a command that writes several submissions."""
+    return _with_common(
+        command, "DIR", "Folder of the submissions, one below it for each row.", "Replace existing submissions."
+    )
 
 
 def _done(writer: SubmissionWriter) -> None:
@@ -169,7 +172,7 @@ def oracle(
 
 
 @baseline.command(short_help="Rules of place with true masks, and their scores by kind of pair.")
-@_common
+@_common_of_several
 @click.option("--workers", type=WORKERS, default=None, help="Processes [one per core].")
 @click.option("--json", "json_file", type=OutputFile(Signature(keys=("dataset", "version", "scored", "references"))),
               metavar="FILE", help="Write the table to this file as well.")  # fmt: skip

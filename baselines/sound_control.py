@@ -19,6 +19,8 @@ from avs3d_bench.errors import UsageError
 
 SoundControl = Literal["own", "none", "swapped-ears", "both-ears-mean", "same-category", "other-category"]
 SOUND_CONTROLS: tuple[SoundControl, ...] = get_args(SoundControl)
+#: What `sounding_categories` calls a sound of no class.
+NO_CLASS = "sound of no class"
 #: Control → what a submission says of it; nothing about a method that hears its own sound.
 SAID: dict[SoundControl, str] = {
     "own": "",
@@ -87,9 +89,15 @@ def other_frame(frame: Frame, *, same_category: bool) -> Frame:
 
 
 def sounding_categories(observation: Observation) -> frozenset[str]:
-    """The categories that sound in an observation; empty in silence, and where the truth is not known."""
+    """The categories that sound in an observation; empty in silence, and where the truth is not known.
+
+    All sounds of no class are one, `NO_CLASS`: nothing of them is marked, and few of each are in a dataset.
+    """
     record = observation.record
-    return frozenset(source.category for source in record.sound_sources) if record else frozenset()
+    if record is None:
+        return frozenset()
+    ids = record.class_ids
+    return frozenset(one.category if one.category in ids else NO_CLASS for one in record.sound_sources)
 
 
 @lru_cache(maxsize=4)

@@ -24,7 +24,7 @@ from avs3d_bench.formats.files import read_json, write_bytes
 from avs3d_bench.formats.media import read_record
 from baselines.references import REFERENCES
 from benchmarks import comparison_power, home_coverage, listener_page, receivers, separability, sound_rows
-from benchmarks.listener_summary import summary, table
+from benchmarks.listener_summary import MISSING, share, summary, table
 from benchmarks.run import TARGETS
 from evaluators.reporting import table_contents, tables_markdown
 from evaluators.reporting.leaderboard import read_entries
@@ -38,13 +38,6 @@ MASKS = {"ambiguous": "category", "sounding": "sounding"}
 VARIANTS = {"no-aisrm": "official, no AISRM", "official": "official", "spatial": "**spatial**"}
 #: Figures of ``listen`` in tables.
 LISTEN = ("pair_accuracy", "IoU", "class_mIoU", "FP_rate")
-#: Text of a figure that is not there.
-MISSING = "–"
-
-
-def share(value: float | None, digits: int = 3) -> str:
-    """``.812``, ``1.000``; – for None."""
-    return MISSING if value is None else f"{value:.{digits}f}".removeprefix("0")
 
 
 def figures(group: GroupScores | None, protocol: str, *names: str) -> list[str]:

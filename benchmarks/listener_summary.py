@@ -26,6 +26,8 @@ SUMMARY = {
 }  # fmt: skip
 SCENES = "listen"
 SUMMARY_ROWS = ("category", "2d", "wrong-sound", "official", "spatial")
+#: Text of a figure that is not there.
+MISSING = "–"
 
 Pair = frozenset[str]
 
@@ -88,8 +90,8 @@ def settings_text(settings: Mapping[str, Any]) -> str:
         said.append(f"{iterations:,} iterations")
     if most := settings.get("max_gaussians"):
         said.append(f"at most {most:,} Gaussians")
-    if (share := settings.get("voting_threshold")) is not None:
-        said.append(f"votes above {_short(share, 1)} of {settings.get('voting_threshold_of', 'all votes')}")
+    if (threshold := settings.get("voting_threshold")) is not None:
+        said.append(f"votes above {share(threshold, 1)} of {settings.get('voting_threshold_of', 'all votes')}")
     return ", ".join(said)
 
 
@@ -127,7 +129,7 @@ def summary(output: Path) -> str:
         values = [_strict_iou(_scores(output, dataset, name), part) for dataset, part in SUMMARY]
         scenes = _scores(output, SCENES, name)
         every = scenes.overall.listen.pair_accuracy if scenes.overall.listen else None
-        rows.append([ROWS[name].title, *map(_short, [*values, every, twin_accuracy(scenes, twins)])])
+        rows.append([ROWS[name].title, *map(share, [*values, every, twin_accuracy(scenes, twins)])])
     head = ["method", *SUMMARY.values(), f"{SCENES}, all pairs", f"{SCENES}, twins"]
     labels = [*dict.fromkeys(dataset for dataset, _ in SUMMARY), SCENES]
     made = {name: {label: document["rows"][f"{label}-{name}"]["settings"] for label in labels} for name in SUMMARY_ROWS}
@@ -143,6 +145,6 @@ def _strict_iou(scores: Scores, part: str) -> float | None:
     return group.strict.IoU if group is not None and group.strict is not None else None
 
 
-def _short(value: float | None, digits: int = 3) -> str:
-    """``.812``; – for None."""
-    return "–" if value is None else f"{value:.{digits}f}".removeprefix("0")
+def share(value: float | None, digits: int = 3) -> str:
+    """``.812``, ``1.000``; `MISSING` for None."""
+    return MISSING if value is None else f"{value:.{digits}f}".removeprefix("0")

@@ -1,8 +1,8 @@
 """Write the manifests that have recordings in place of synthesised sounds, each from the manifest of its name.
 
 ``python -m benchmarks.recorded_manifests`` writes ``NAME-recorded.yaml`` beside each of `SOURCES`: the same lines, but
-for the name, the notes on sounds, and with ``sounds`` and ``voices``. A category sounds by the recordings in
-the lock file that are for tests; one that has none there, by its voices for tests.
+for the name, the version, the notes on sounds, and with ``sounds`` and ``voices``. A category sounds by the recordings
+in the lock file that are for tests; one that has none there, by its voices for tests.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from generators.library.lock import LOCK_NAME, Lock, read_lock
 MANIFESTS = Path(__file__).parents[1] / "scenes_manifest"
 #: Manifests that have a recorded counterpart.
 SOURCES = ("open-s34-o7", "listen")
+#: Version of the recorded counterparts: 3.1.0 has a coffee machine and microwaves.
+VERSION = "3.1.0"
 _HEADER = """\
 # The observations of {name}.yaml with recordings instead of synthesised sounds, where the lock file has some
 # for tests; the other categories have their voices for tests. Written by `python -m benchmarks.recorded_manifests`.
@@ -50,6 +52,7 @@ def recorded(text: str, lock: Lock) -> str:
     name = document["name"]
     body = re.sub(r"(?m)^(voices|sounds):.*\n(?:[ \t]+.*\n)*", "", re.sub(r"\A(#.*\n)+", "", text))
     body = re.sub(r"(?m)^name:.*$", f"name: {name}-recorded", body)
+    body = re.sub(r"(?m)^version:.*$", f"version: {VERSION}", body)
     body = body.replace("synthesised sounds", "recorded and synthesised sounds")
     head, observations = re.split(r"(?m)^(?=observations:)", body)
     lines = ["sounds:"]

@@ -15,6 +15,7 @@ import click
 from avs3d_bench.contract.scores import PAIR_KINDS, GroupScores, Scores
 from avs3d_bench.formats.files import write_json
 from avs3d_bench.formats.media import read_record
+from benchmarks.listener_summary import share
 
 _LISTEN = ("pair_accuracy", *PAIR_KINDS, "IoU", "FP_rate")
 
@@ -50,21 +51,21 @@ def controls_table(rows: Mapping[str, Any]) -> list[list[str]]:
     return [
         [
             title,
-            *(_value(row["open"][part]["strict_IoU"]) for part in ("part_1", "part_2")),
-            *(_value(row["listen"]["part_3"][name]) if "listen" in row else "–" for name in ("twins", "pair_accuracy")),
+            *(share(row["open"][part]["strict_IoU"]["value"]) for part in ("part_1", "part_2")),
+            *(share(_listening(row, name)) for name in ("twins", "pair_accuracy")),
         ]
         for title, row in rows.items()
     ]
 
 
-def _value(figure: Mapping[str, Any]) -> str:
-    return f"{figure['value']:.3f}".removeprefix("0")
+def _listening(row: Mapping[str, Any], name: str) -> float | None:
+    return row["listen"]["part_3"][name]["value"] if "listen" in row else None
 
 
 def with_interval(figure: Mapping[str, Any]) -> str:
     """A figure as ``.123 (.10–.15)``."""
-    low, high = (f"{bound:.2f}".removeprefix("0") for bound in figure["interval"])
-    return f"{_value(figure)} ({low}–{high})"
+    low, high = (share(bound, 2) for bound in figure["interval"])
+    return f"{share(figure['value'])} ({low}–{high})"
 
 
 def _named(_: click.Context, __: click.Parameter, values: tuple[str, ...]) -> dict[str, Path]:

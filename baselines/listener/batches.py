@@ -141,10 +141,11 @@ class Sampler:
         for sound, view in enumerate(table.view):
             if table.homes[view] in training:
                 self._of_view.setdefault(view, []).append(sound)
-                if len(table.audible[sound]) == 1:
+                if len(table.audible[sound]) == 1 and table.audible[sound][0] in _NUMBER:
                     self._of_category[_NUMBER[table.audible[sound][0]]].append(sound)
         self._present = [{_NUMBER[name] for name in names} for names in table.present]
-        self._audible = [{_NUMBER[name] for name in names} for names in table.audible]
+        # Sounds of no class have no number: the network learns that what it knows is not audible.
+        self._audible = [{_NUMBER[name] for name in names if name in _NUMBER} for names in table.audible]
         self._order: tuple[tuple[int, int], NDArray[np.int64]] = ((-1, 0), np.zeros(0, np.int64))
 
     @property
@@ -218,7 +219,7 @@ class Sampler:
 
     def _real(self, sound: int, first: int) -> Slot:
         """A sound of the picture itself; ``first`` is the first of the set."""
-        if not self._audible[sound]:
+        if not self.store.table.audible[sound]:
             kind = SoundKind.SILENT
         elif not self.store.marked[sound]:
             kind = SoundKind.OFF_SCREEN

@@ -2,11 +2,14 @@
 
 ``training`` has many kinds of siblings in few observations. ``listen`` is for a benchmark of hearing where a sound
 comes from: most of its siblings are twins that sound alone, and no level, no category and no distance tells them apart.
+
+In some groups (`Composition.no_class`) a sound of no class is heard from another room: alone, where nothing may be
+marked, and in ``listen`` also together with what sounds in the room, so that it does not tell that nothing does.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import cycle, islice
 
@@ -21,7 +24,9 @@ from generators.sampling.siblings import GROUP, Sibling, Source, siblings
 LEVELS = (-9.0, 9.0)
 #: Siblings of a group beside those in which a twin sounds alone; see `listening`.
 OFF_SCREEN, SILENCE, OTHER = "off-screen", "silence", "another category"
+OFF_SCREEN_OF_NO_CLASS = "off-screen, of no class"
 SEVERAL, WITH_OTHER = "several of a category", "a twin and another category"
+TWIN, WITH_NO_CLASS = "a twin", "{}, and a sound of no class"
 
 
 @dataclass(frozen=True)
@@ -43,37 +48,52 @@ class Pattern:
 OF_TWO = (
     Pattern(6, (OFF_SCREEN, SILENCE)),
     Pattern(6, (OFF_SCREEN, OTHER)),
+    Pattern(6, (OFF_SCREEN, SILENCE)),
     Pattern(6, (OFF_SCREEN, WITH_OTHER)),
 )
-OF_MORE = (Pattern(6, (OFF_SCREEN, SEVERAL)),)
+OF_MORE = (Pattern(6, (OFF_SCREEN, SEVERAL)), Pattern(6, (OFF_SCREEN, SILENCE)))
+#: What sounds in the room in the last sibling of a group with a sound of no class, with it; in turn.
+IN_THE_ROOM = (TWIN, OTHER, WITH_OTHER), (SEVERAL, TWIN)
 
 
-def listening(room: str, instances: dict[str, int], number: int, frames: int, rng: Generator) -> list[Sibling]:
+def listening(
+    room: str, instances: dict[str, int], number: int, frames: int, rng: Generator, no_class: str | None = None
+) -> list[Sibling]:
     """The siblings of a group of ``listen``, in random order; see `generators.sampling.siblings.siblings`.
 
-    Every source has a level of its own. What is off-screen has a category of which objects stand silent in the room:
-    that of the twins, or in every third group that of another object.
+    Every source has a level of its own. What is off-screen is ``no_class``, or else of a category of which objects
+    stand silent in the room: that of the twins, or in every third group that of another object.
     """
     del frames  # all of them sound all the time
     focus, *others = (name for name in instances if name in _SOUNDING)
     twins = [{"category": focus, "instance": int(n) + 1} for n in rng.permutation(instances[focus])]
     patterns = OF_TWO if len(twins) == 2 else OF_MORE
-    pattern = patterns[number // 2 % len(patterns)]
-    found: list[Sibling] = [("a twin", [twin]) for twin in islice(cycle(twins), pattern.alone)]
-    for kind in pattern.others:
-        sources: list[Source] = []
-        if kind in (OTHER, WITH_OTHER):
-            sources = [{"category": str(rng.choice(others)), "instance": 1}]
-            sources += [twins[0]] if kind == WITH_OTHER else []
-        elif kind == SEVERAL:
-            sources = [twins[int(index)] for index in rng.permutation(len(twins))[:2]]
-        elif kind == OFF_SCREEN:
-            category = focus if number % 3 else str(rng.choice(others))
-            there = str(rng.choice([name for name in MOST if name != room]))
-            sources = [{"category": category, "room": there}]
-        found.append((kind, sources))
+    pattern = patterns[number // 4 % len(patterns)]
+    category = no_class or (focus if number % 3 else str(rng.choice(others)))
+    away = {"category": category, "room": str(rng.choice([name for name in MOST if name != room]))}
+    found: list[Sibling] = [(TWIN, [twin]) for twin in islice(cycle(twins), pattern.alone)]
+    if no_class is None:
+        found += [(kind, [away] if kind == OFF_SCREEN else _in_the_room(kind, twins, others, rng))
+                  for kind in pattern.others]  # fmt: skip
+    else:
+        turns = IN_THE_ROOM[len(twins) > 2]
+        kind = turns[number // 4 % len(turns)]
+        found += [(OFF_SCREEN_OF_NO_CLASS, [away])]
+        found += [(WITH_NO_CLASS.format(kind), [*_in_the_room(kind, twins, others, rng), away])]
     order = rng.permutation(len(found))
     return [(kind, [_levelled(one, rng) for one in sources]) for kind, sources in (found[index] for index in order)]
+
+
+def _in_the_room(kind: str, twins: Sequence[Source], others: Sequence[str], rng: Generator) -> list[Source]:
+    """The objects of the room that sound in a sibling."""
+    if kind == SEVERAL:
+        return [twins[int(index)] for index in rng.permutation(len(twins))[:2]]
+    found: list[Source] = []
+    if kind in (OTHER, WITH_OTHER):
+        found.append({"category": str(rng.choice(others)), "instance": 1})
+    if kind in (TWIN, WITH_OTHER):
+        found.append(twins[int(rng.integers(len(twins)))])
+    return found
 
 
 _SOUNDING = frozenset(name for room in MOST.values() for name in room)
@@ -92,21 +112,34 @@ class Composition:
         size: number of siblings of a whole group.
         single_share: share of the groups in which no category has twins.
         least_beside: least number of objects beside twins.
+        distractors: share of the units in which a distractor stands.
+        no_class: which groups have a sound of no class: their numbers modulo 4.
         twins: how twins are placed (see `generators.manifest.schema.ObservationSpec`).
         same_again: how often objects that do not fit are placed anew before others are drawn.
         in_turn: whether every second group has a background; else that is drawn.
     """
 
-    siblings: Callable[[str, dict[str, int], int, int, Generator], list[Sibling]]
+    siblings: Callable[[str, dict[str, int], int, int, Generator, str | None], list[Sibling]]
     size: int
     single_share: float = 0.0
     least_beside: int = 0
+    distractors: float = 0.5
+    no_class: tuple[int, ...] = ()
     twins: Twins = "apart"
     same_again: int = 0
     in_turn: bool = False
 
 
 COMPOSITIONS = {
-    "training": Composition(siblings, GROUP, single_share=0.25),
-    "listen": Composition(listening, OF_TWO[0].size, least_beside=1, twins="alike", same_again=6, in_turn=True),
+    "training": Composition(siblings, GROUP, single_share=0.25, no_class=(1,)),
+    "listen": Composition(
+        listening,
+        OF_TWO[0].size,
+        least_beside=1,
+        distractors=1.0,
+        no_class=(2, 3),
+        twins="alike",
+        same_again=6,
+        in_turn=True,
+    ),
 }

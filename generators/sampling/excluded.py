@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from avs3d_bench.contract.taxonomy import CATEGORIES
+from avs3d_bench.contract.taxonomy import CATEGORIES, DISTRACTORS, OFF_SCREEN_CATEGORIES
 from avs3d_bench.errors import UsageError
 from generators.assets.catalogue import training_variants, variants
 from generators.assets.sounds import usual_voices, voices
@@ -14,7 +14,6 @@ from generators.core.limits import SoundSplit
 from generators.library.lock import LOCK_NAME
 from generators.manifest.reading import read_manifest
 from generators.manifest.schema import Manifest
-from generators.sampling.rooms import LOOK_ALIKES
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,7 @@ class Excluded:
         Raises:
             UsageError: naming the first category of which none is left.
         """
-        known = {category: training_variants(category) for category in (*CATEGORIES, *LOOK_ALIKES.values())}
+        known = {category: training_variants(category) for category in (*CATEGORIES, *DISTRACTORS)}
         return _left(known, self.variants, "--hold-out-models", "training variant")
 
     def held_out_voices(self, split: SoundSplit = "train") -> dict[str, list[str]]:
@@ -59,7 +58,8 @@ class Excluded:
         Raises:
             UsageError: naming the first category of which none is left.
         """
-        known = {name: [voice.name for voice in voices(name) if voice.split == split] for name in CATEGORIES}
+        sounds = (*CATEGORIES, *OFF_SCREEN_CATEGORIES)
+        known = {name: [voice.name for voice in voices(name) if voice.split == split] for name in sounds}
         return _left(known, self.voices, "--hold-out-sounds", f"{_WORDS[split]} voice")
 
 

@@ -28,6 +28,8 @@ from generators.plan import ObservationPlan, make_plans
 MOST_DIFFERENCE = 1.5
 #: ... and each of them is this far to the left (degrees), and to the right, in this share of the frames.
 SIDE, SIDE_SHARE = 15.0, 0.15
+#: Homes that are kept for the next draw: a home takes twice as long as what is placed in it.
+KEPT_HOMES = 8
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,7 @@ def are_alike(found: Arrangement) -> bool:
     return True
 
 
-@lru_cache(maxsize=1)
+@lru_cache(maxsize=KEPT_HOMES)
 def _home(name: str, seed: int) -> Scene:
     """A home without its light, which placement and walk do not need."""
     return build_apartment(name, seed)

@@ -18,12 +18,13 @@ import numpy as np
 from numpy.random import Generator
 
 from avs3d_bench.contract.layout import observation_key
+from avs3d_bench.contract.taxonomy import OFF_SCREEN_CATEGORIES as _NO_CLASS
 from avs3d_bench.errors import Avs3dError, UsageError
 from generators.core.limits import SoundSplit
 from generators.manifest.schema import Manifest
 from generators.sampling.compositions import COMPOSITIONS
 from generators.sampling.excluded import Excluded
-from generators.sampling.rooms import LOOK_ALIKE_SHARE, LOOK_ALIKES, MOST, MOST_BESIDE
+from generators.sampling.rooms import DISTRACTORS_IN, LOOK_ALIKE_SHARE, LOOK_ALIKES, MADE_BY, MOST, MOST_BESIDE
 
 _T = TypeVar("_T")
 
@@ -235,7 +236,17 @@ class _Drawer:
             )
             return SampledGroup((where | first, *rest), unit.kinds)
         rng = _stream(self._wanted.seed, f"unit/{number}/{draw}")
+        self._take_back(room, unit)
         return self._fill(where, len(unit.entries), number, rng)
+
+    def _take_back(self, room: str, unit: SampledGroup) -> None:
+        """Count no more what stood and was heard in a unit that is drawn again, so that all still take turns."""
+        first = unit.entries[0]
+        for name in (*first.get("silent", ()), *first.get("instances", ())):
+            self._focus["distractor", room, name] -= name in DISTRACTORS_IN[room]
+        heard = {one["category"] for entry in unit.entries for one in entry.get("sources", ())}
+        for name in heard & set(_NO_CLASS):
+            self._focus["no class", name] -= 1
 
     def _most(self, part: str) -> int:
         """The largest number of units of a part in a room."""
@@ -273,9 +284,31 @@ class _Drawer:
             one = _rarest(left, [self._focus["beside", name] for name in left], rng)
             self._focus["beside", one] += 1
             chosen.append(one)
+        # Drawn before anything is known about sound: what stands there tells nothing of what is heard.
         if room in LOOK_ALIKES and len(chosen) < most + 1 and rng.uniform() < LOOK_ALIKE_SHARE:
             chosen.append(LOOK_ALIKES[room])
+        if rng.uniform() < self._composition.distractors:
+            known = DISTRACTORS_IN[room]
+            one = _rarest(known, [self._focus["distractor", room, name] for name in known], rng)
+            self._focus["distractor", room, one] += 1
+            chosen.append(one)
         return chosen
+
+    def _no_class(self, unit: int, instances: dict[str, int], rng: Generator) -> str | None:
+        """The sound of no class that is heard in a group, if any: one of those that are the rarest so far.
+
+        In every second of these groups it is one that a distractor of the room could make, if one of them is; in the
+        others it is one whose maker fits into the fewest rooms.
+        """
+        turns = self._composition.no_class
+        if unit % 4 not in turns:
+            return None
+        makers = {name: sum(MADE_BY.get(name) in there for there in DISTRACTORS_IN.values()) for name in _NO_CLASS}
+        if (unit // 4 + turns.index(unit % 4)) % 2:
+            makers = {name: MADE_BY.get(name) not in instances for name in _NO_CLASS}
+        one = _rarest(_NO_CLASS, [(self._focus["no class", name], makers[name]) for name in _NO_CLASS], rng)
+        self._focus["no class", one] += 1
+        return one
 
     def _group(
         self, where: dict[str, Any], instances: dict[str, int], size: int, unit: int, rng: Generator
@@ -285,7 +318,8 @@ class _Drawer:
         if unit % 2 if self._composition.in_turn else rng.uniform() < BACKGROUND_SHARE:
             kind = BACKGROUNDS[int(rng.integers(len(BACKGROUNDS)))]
             background = {"background": {"kind": kind, "snr_db": int(rng.integers(SNR_DB[0], SNR_DB[1] + 1))}}
-        drawn = self._composition.siblings(where["room"], instances, unit, self._frames, rng)[:size]
+        no_class = self._no_class(unit, instances, rng)
+        drawn = self._composition.siblings(where["room"], instances, unit, self._frames, rng, no_class)[:size]
         kinds, sources = zip(*drawn, strict=True)
         twins = {} if self._composition.twins == "apart" else {"twins": self._composition.twins}
         first = where | {"instances": instances} | twins | {"sources": sources[0]} | background

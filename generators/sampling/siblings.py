@@ -1,7 +1,8 @@
 """Sources of a group of part_3: six siblings with the same pictures.
 
 Every group has two objects that sound alone, silence and a source in another room. What is off-screen has the category
-of an object that stands silent in the room in half of the groups: the sound is the same, and nothing may be marked.
+of an object that stands silent in the room in half of the groups: the sound is the same, and nothing may be marked. In
+some of the other groups it is a sound of no class.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ BURSTS = {"sound": (0.1, 0.25), "pause": (0.1, 0.3)}
 TOGETHER = ("at once", "in turn", "with off-screen", "overlapping")
 
 
-def siblings(room: str, instances: dict[str, int], number: int, frames: int, rng: Generator) -> list[Sibling]:
+def siblings(
+    room: str, instances: dict[str, int], number: int, frames: int, rng: Generator, no_class: str | None = None
+) -> list[Sibling]:
     """The kind and the sources of each of the `GROUP` siblings.
 
     Args:
@@ -37,6 +40,7 @@ def siblings(room: str, instances: dict[str, int], number: int, frames: int, rng
         number: of the group in the manifest: kinds that take turns do so over the groups.
         frames: length of an observation (s).
         rng: the only source of randomness.
+        no_class: the sound of no class that is heard off-screen in place of a category that is not in the room.
     """
     objects = _heard_objects(instances, rng)
     first, second = objects[0], objects[1 % len(objects)]
@@ -48,14 +52,14 @@ def siblings(room: str, instances: dict[str, int], number: int, frames: int, rng
         out.append(("another category", _alone(others[0], frames, rng)))
     out.append(("silence", []))
     hard = number % 2 == 0
-    out.append(_elsewhere(room, instances, hard, frames, rng))
+    out.append(_elsewhere(room, instances, hard, frames, rng, no_class))
     if len(objects) > 1:
         turn = number // 2 % len(TOGETHER)
-        out.append(_together(TOGETHER[turn], room, instances, objects, frames, rng))
+        out.append(_together(TOGETHER[turn], room, instances, objects, frames, rng, no_class))
     # Few objects: what is still missing is heard from another room, or from the same object at other times.
     while len(out) < GROUP:
         hard = not hard
-        extra = [_elsewhere(room, instances, hard, frames, rng), _with_pauses(objects, frames, rng)]
+        extra = [_elsewhere(room, instances, hard, frames, rng, no_class), _with_pauses(objects, frames, rng)]
         out += extra[: GROUP - len(out)]
     return out
 
@@ -86,13 +90,17 @@ def _with_pauses(objects: Sequence[Source], frames: int, rng: Generator) -> Sibl
     return "one object with pauses", [objects[-1] | {"programme": _programme(frames, rng)}]
 
 
-def _elsewhere(room: str, instances: dict[str, int], hard: bool, frames: int, rng: Generator) -> Sibling:
-    """A source in another room; ``hard``: of a category that stands silent in this room."""
+def _elsewhere(
+    room: str, instances: dict[str, int], hard: bool, frames: int, rng: Generator, no_class: str | None
+) -> Sibling:
+    """A source in another room; ``hard``: of a category that stands silent in this room, else ``no_class`` if given."""
     rooms = [name for name in MOST if name != room]
     there = str(rng.choice(rooms))
     present = [name for name in instances if name in _SOUNDING]
     if hard:
         category, kind = str(rng.choice(present)), "off-screen, its category in the room"
+    elif no_class is not None:
+        category, kind = no_class, "off-screen, of no class"
     else:
         absent = [name for name in MOST[there] if name not in present]
         category, kind = str(rng.choice(absent)), "off-screen, its category not in the room"
@@ -100,7 +108,13 @@ def _elsewhere(room: str, instances: dict[str, int], hard: bool, frames: int, rn
 
 
 def _together(
-    how: str, room: str, instances: dict[str, int], objects: Sequence[Source], frames: int, rng: Generator
+    how: str,
+    room: str,
+    instances: dict[str, int],
+    objects: Sequence[Source],
+    frames: int,
+    rng: Generator,
+    no_class: str | None,
 ) -> Sibling:
     """Several sources; which of the objects they are is random."""
     chosen = [dict(objects[int(index)]) for index in rng.permutation(len(objects))[:2]]
@@ -113,7 +127,8 @@ def _together(
         spans = [[[0, second]], [[first, frames]]]
         return "several, overlapping", [one | {"programme": span} for one, span in zip(chosen, spans, strict=True)]
     if how == "with off-screen":
-        _, (source,) = _elsewhere(room, instances, bool(rng.integers(2)), frames, rng)
+        hard = bool(rng.integers(2)) and no_class is None
+        _, (source,) = _elsewhere(room, instances, hard, frames, rng, no_class)
         return "several, one off-screen", [chosen[0], source]
     if rng.uniform() < QUIET_SHARE:
         chosen[1]["gain_db"] = int(rng.choice(QUIET))

@@ -167,6 +167,18 @@ def test_the_mask_must_follow_the_sound_in_every_batch(store: shards.ShardStore)
     assert {SoundKind.OWN, SoundKind.SWAPPED, SoundKind.SILENT, SoundKind.OFF_SCREEN, SoundKind.MIXED} <= kinds
 
 
+def test_a_sound_of_no_class_is_heard_as_nothing_that_the_network_knows(store: shards.ShardStore) -> None:
+    away = next(sound for sound, marked in enumerate(store.marked) if not marked and store.table.audible[sound])
+    audible = [list(names) for names in store.table.audible]
+    audible[away] = ["dog"]
+    sampler = Sampler(replace(store, table=replace(store.table, audible=audible)), batch=2, seed=3)
+    slot = sampler._real(away, away)
+    assert (slot.audible, slot.kind) == (set(), SoundKind.OFF_SCREEN)
+    assert all(away not in sounds for sounds in sampler._of_category)
+    for step in range(5):
+        assert sampler.plan(step).audible.shape == (2 * SOUNDS, len(CATEGORIES))
+
+
 def test_a_sound_from_elsewhere_comes_from_no_visible_instance(store: shards.ShardStore) -> None:
     sampler = Sampler(store, batch=2, seed=0)
     rng = np.random.default_rng(0)

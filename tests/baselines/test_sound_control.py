@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from avs3d_bench.contract import layout
+from avs3d_bench.contract.taxonomy import class_ids
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import UsageError
 from baselines import cli
-from baselines.sound_control import SAID, SOUND_CONTROLS, other_frame, sound_of, sounding_categories
+from baselines.sound_control import NO_CLASS, SAID, SOUND_CONTROLS, other_frame, sound_of, sounding_categories
 from tests.support import tiny, tiny_scenes
 from tests.support.shared import SharedDataset
 
@@ -66,6 +70,48 @@ def test_of_several_categories_the_most_alike_set_is_heard(dataset: Dataset, mon
     assert other_frame(frame, same_category=True).observation.key == KEYS[3]
     silent = dataset[KEYS[1]].frames[4]
     assert other_frame(silent, same_category=True) == silent
+
+
+def test_sounds_of_no_class_are_one_category() -> None:
+    """A dog that is heard in one home alone has another sound of no class, in another home, for its counterpart."""
+
+    def told(category: str) -> frozenset[str]:
+        source = SimpleNamespace(category=category)
+        record = SimpleNamespace(class_ids=class_ids(), sound_sources=(source,))
+        return sounding_categories(SimpleNamespace(record=record))  # type: ignore[arg-type]
+
+    assert told("dog") == told("street") == {NO_CLASS}
+    assert told("clock") == {"clock"}
+
+
+@pytest.fixture
+def two_homes(tmp_path: Path) -> Dataset:
+    """The group of `tiny_scenes` in two homes; from the next room, a dog is heard in one, the street in the other."""
+    tiny_scenes.write_part_3(tmp_path / "made", frames=9)
+    for scan, heard in (("one", "dog"), ("two", "street")):
+        home = tmp_path / "data" / "part_3" / scan
+        shutil.copytree(tmp_path / "made" / "part_3" / "tiny", home)
+        for file in home.rglob(layout.OBSERVATION_JSON):
+            document = json.loads(file.read_text().replace("part_3/tiny/", f"part_3/{scan}/"))
+            document["scan"] = scan
+            if document["key"].endswith(tiny_scenes.AWAY.rpartition("/")[2]):
+                document["sources"][0]["category"] = document["category"] = heard
+            file.write_text(json.dumps(document))
+    return Dataset(tmp_path / "data")
+
+
+def test_every_frame_of_a_group_has_a_counterpart_in_the_other_home(two_homes: Dataset) -> None:
+    for observation in two_homes:
+        mine = sounding_categories(observation)
+        for frame in observation.frames:
+            other = other_frame(frame, same_category=True)
+            assert other.index == frame.index
+            assert sounding_categories(other.observation) == mine
+            assert (other.observation.place.scan != observation.place.scan) is bool(mine)
+            if mine:
+                another = other_frame(frame, same_category=False).observation
+                assert not sounding_categories(another) & mine
+                assert another.group_key != observation.group_key
 
 
 def test_what_the_dataset_lacks_is_one_line(dataset: Dataset) -> None:

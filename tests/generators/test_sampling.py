@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import shlex
 import shutil
 from collections import Counter
@@ -13,7 +14,7 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from avs3d_bench.contract.taxonomy import CATEGORIES, DISTRACTORS, PARTS, ROOMS
+from avs3d_bench.contract.taxonomy import CATEGORIES, DISTRACTORS, OFF_SCREEN_CATEGORIES, PARTS, ROOMS
 from avs3d_bench.errors import Avs3dError, UsageError
 from generators.assets import catalogue
 from generators.assets.sounds import voices
@@ -28,7 +29,7 @@ from generators.sampling.cli import manifest as command
 from generators.sampling.compositions import COMPOSITIONS, LEVELS, OF_MORE, OF_TWO
 from generators.sampling.document import manifest_text
 from generators.sampling.excluded import Excluded, what_they_use
-from generators.sampling.rooms import LOOK_ALIKES, MOST
+from generators.sampling.rooms import DISTRACTORS_IN, LOOK_ALIKES, MADE_BY, MOST
 from generators.sampling.sample import MOST_INDEX, SEEDS, SampledGroup, Wanted, sample, shares
 from generators.sampling.siblings import GROUP, siblings
 from generators.sampling.statistics import sounding
@@ -36,9 +37,12 @@ from generators.sampling.sweep_cli import sweep
 
 MANIFESTS = Path(__file__).parents[2] / "scenes_manifest"
 TRAIN, LISTEN, TUNE = (MANIFESTS / f"{name}.yaml" for name in ("train", "listen", "listen-tune"))
+#: Versions of the manifests that changed since 3.0.0.
+VERSION_OF = dict.fromkeys(("train", "listen", "listen-tune", "listen-recorded", "open-s34-o7-recorded"), "3.1.0")
 #: Manifests on which networks are trained, and on which settings are chosen; all others test.
 SPLIT_OF = {"train": "train"} | dict.fromkeys(("listen-tune", "marks-tune", "cue-weights"), "validation")
 NOTHING = Excluded({}, {}, {})
+HEARD = (*CATEGORIES, *OFF_SCREEN_CATEGORIES)
 
 
 def drawn(wanted: Wanted, excluded: Excluded = NOTHING, **options: Any) -> tuple[Manifest, tuple[SampledGroup, ...]]:
@@ -304,13 +308,13 @@ def test_held_out_models_are_training_variants_that_no_excluded_manifest_draws(
     document, _ = sample(Wanted(homes=2, observations=4, seed=1, hold_out_models=True), Excluded({}, {}, used))
     assert document["models"]["clock"] == ["two"]
     assert document["models"]["toilet"] == ["one", "two"]
-    assert set(document["models"]) == {*CATEGORIES, *LOOK_ALIKES.values()}
+    assert set(document["models"]) == {*CATEGORIES, *DISTRACTORS}
     with pytest.raises(UsageError, match=r"no training variant of clock is left \(other uses all of them\)"):
         Excluded({}, {}, used | {("clock", "two"): "other"}).held_out_models()
 
 
 def test_held_out_voices_are_training_voices_that_no_excluded_manifest_draws(tmp_path: Path) -> None:
-    training = {name: [voice.name for voice in voices(name) if voice.split == "train"] for name in CATEGORIES}
+    training = {name: [voice.name for voice in voices(name) if voice.split == "train"] for name in HEARD}
     first, _ = sample(Wanted(homes=2, observations=4, seed=1, hold_out_sounds=True), Excluded({}, {}, {}))
     assert first["voices"] == training
     heard = {name for entry in Manifest.model_validate(first).observations for name in entry.heard}
@@ -535,16 +539,25 @@ def listening(request: pytest.FixtureRequest) -> Manifest:
 
 
 def test_a_group_of_listen_is_mostly_twins_that_sound_alone(listening: Manifest) -> None:
-    several, background = 0, 0
+    several = 0
     for group in groups(listening):
         first, sounding = group[0], [spec.sources or () for spec in group]
         assert first.twins == "alike"
         (focus, twins), *_ = sorted(first.objects.items(), key=lambda item: -item[1])
+        no_class = with_no_class(group)
         alone = Counter(s[0].instance for s in sounding if len(s) == 1 and not s[0].room and s[0].category == focus)
         assert set(alone) == set(range(1, twins + 1))
         assert max(alone.values()) - min(alone.values()) <= 1
+        pairs = [a != b for n, a in enumerate(alone.elements()) for b in list(alone.elements())[n + 1 :]]
+        assert sum(pairs) >= 0.2 * len(group) * (len(group) - 1) / 2
+        away = [one.category for s in sounding for one in s if one.room]
+        if no_class:
+            # Heard alone, and once more with an object of the room: it does not tell that nothing is to be marked.
+            assert away == [no_class] * 2
+            assert sorted(len(s) > 1 for s in sounding if any(one.room for one in s)) == [False, True]
+            continue
         # The category of what is off-screen stands silent in the room.
-        assert [one.category in first.objects for s in sounding for one in s if one.room] == [True]
+        assert [category in first.objects for category in away] == [True]
         for sources in sounding:
             if len(sources) > 1:
                 several += twins > 2
@@ -553,17 +566,150 @@ def test_a_group_of_listen_is_mostly_twins_that_sound_alone(listening: Manifest)
                 assert len({one.category for one in sources}) == (1 if twins > 2 else 2)
                 assert focus in {one.category for one in sources}
         if twins > 2:
-            assert any(len(sources) > 1 for sources in sounding)
-        assert len({spec.background for spec in group}) == 1
-        background += first.background is not None
-        pairs = [a != b for n, a in enumerate(alone.elements()) for b in list(alone.elements())[n + 1 :]]
-        assert sum(pairs) >= 0.2 * len(group) * (len(group) - 1) / 2
-    assert several >= len(groups(listening)) / 5
-    assert background == len(groups(listening)) // 2
-    hard = [one.category for spec in listening.observations for one in spec.sources or () if one.room]
-    others = [category for spec, category in zip((g[0] for g in groups(listening)), hard, strict=True)
-              if spec.objects[category] == 1]  # fmt: skip
-    assert len(others) >= len(hard) / 5
+            assert any(len(sources) != 1 for sources in sounding)
+    assert several >= len(groups(listening)) / 10
+    hard = [
+        group[0].objects[one.category] for group in groups(listening) for spec in group for one in spec.sources or ()
+        if one.room and one.category in CATEGORIES
+    ]  # fmt: skip
+    assert len(hard) == len(groups(listening)) / 2
+    assert sum(count == 1 for count in hard) >= len(hard) / 5
+
+
+def test_half_of_the_groups_of_listen_have_a_background(listening: Manifest) -> None:
+    assert all(len({spec.background for spec in group}) == 1 for group in groups(listening))
+    assert sum(group[0].background is not None for group in groups(listening)) == len(groups(listening)) // 2
+
+
+def test_every_room_of_listen_has_a_silent_distractor_and_they_take_turns(listening: Manifest) -> None:
+    found: Counter[str] = Counter()
+    for group in groups(listening):
+        first = group[0]
+        (one,) = set(first.objects) & set(DISTRACTORS_IN[first.room])
+        assert first.objects[one] == 1
+        found[one] += 1
+    assert set(found) == {name for names in DISTRACTORS_IN.values() for name in names}
+
+
+def with_no_class(group: list[ObservationSpec]) -> str | None:
+    """The sound of no class of a group."""
+    heard = [one.category for spec in group for one in spec.sources or () if one.category in OFF_SCREEN_CATEGORIES]
+    return heard[0] if heard else None
+
+
+def test_half_of_the_groups_of_listen_have_a_sound_of_no_class_and_all_sounds_take_turns(listening: Manifest) -> None:
+    heard = [with_no_class(group) for group in groups(listening)]
+    counts = Counter(name for name in heard if name)
+    assert sum(counts.values()) == len(heard) / 2
+    assert set(counts) == set(OFF_SCREEN_CATEGORIES)
+    assert max(counts.values()) - min(counts.values()) <= 1
+
+
+@pytest.fixture(scope="module")
+def many() -> list[list[ObservationSpec]]:
+    """The groups of a large sample of `listen`."""
+    wanted = Wanted(homes=160, observations=640 * 8, seed=11, parts=("part_3",), groups="listen")
+    return groups(drawn(wanted)[0])
+
+
+def test_what_stands_in_a_room_does_not_tell_that_a_sound_of_no_class_is_heard(many) -> None:
+    """Nor which one, but for the turns in which it is one that a distractor of the room could make."""
+    for room in ROOMS:
+        of_room = [group for group in many if group[0].room == room]
+        share = sum(with_no_class(group) is not None for group in of_room) / len(of_room)
+        for name in (*DISTRACTORS_IN[room], *LOOK_ALIKES.values(), *MOST[room]):
+            having = [group for group in of_room if name in group[0].objects]
+            if not having:
+                continue
+            found = sum(with_no_class(group) is not None for group in having) / len(having)
+            # Three standard errors.
+            assert abs(found - share) < 3 * (0.25 / len(having)) ** 0.5, (room, name)
+
+
+def test_a_sound_of_no_class_does_not_tell_whether_something_is_to_be_marked(many) -> None:
+    heard = [
+        any(one.room is None for one in spec.sources or ()) for group in many for spec in group
+        if any(one.category in OFF_SCREEN_CATEGORIES for one in spec.sources or ())
+    ]  # fmt: skip
+    assert sum(heard) == len(heard) / 2
+    # Nor do its level, the room that it comes from and its voice: they are drawn alike with and without an object.
+    levels: dict[bool, list[float]] = {True: [], False: []}
+    rooms: dict[bool, Counter[tuple[str, str]]] = {True: Counter(), False: Counter()}
+    for group in many:
+        for spec in group:
+            here = any(one.room is None for one in spec.sources or ())
+            for one in spec.sources or ():
+                if one.category in OFF_SCREEN_CATEGORIES:
+                    levels[here].append(one.gain_db)
+                    rooms[here][spec.room, str(one.room)] += 1
+    assert rooms[True] == rooms[False]
+    means = [sum(values) / len(values) for values in levels.values()]
+    error = (LEVELS[1] - LEVELS[0]) / 12**0.5 * (2 / len(levels[True])) ** 0.5
+    assert abs(means[0] - means[1]) < 3 * error
+
+
+def test_what_could_make_a_sound_of_no_class_sometimes_stands_silent_in_the_room(many) -> None:
+    there = [MADE_BY.get(name) in group[0].objects for group in many if (name := with_no_class(group))]
+    assert 0.1 < sum(there) / len(there) < 0.5
+
+
+def test_a_maker_in_the_room_does_not_tell_where_the_sound_is(many) -> None:
+    """Which twin sounds beside a sound of no class is as independent of what stands there as without it."""
+    for maker in (True, False):
+        first = Counter()
+        for group in many:
+            name = with_no_class(group)
+            if name is None or (MADE_BY.get(name) in group[0].objects) is not maker:
+                continue
+            for spec in group:
+                inside = [one for one in spec.sources or () if one.room is None]
+                if len(inside) == 1 and len(spec.sources or ()) == 2 and spec.objects[inside[0].category] == 2:
+                    first[inside[0].instance] += 1
+        total = first.total()
+        assert total >= 20
+        assert abs(first[1] / total - 0.5) < 3 * 0.5 / total**0.5
+
+
+def test_training_groups_hear_sounds_of_no_class_alone_and_beside_objects(large) -> None:
+    alone, beside, others = Counter(), 0, 0
+    for group in groups(large[0]):
+        for spec in group:
+            for one in spec.sources or ():
+                if one.category in OFF_SCREEN_CATEGORIES:
+                    assert one.room is not None
+                    alone[one.category] += len(spec.sources or ()) == 1
+                    beside += len(spec.sources or ()) > 1
+                elif one.room is not None:
+                    others += one.category not in spec.objects
+    assert set(alone) == set(OFF_SCREEN_CATEGORIES)
+    assert max(alone.values()) - min(alone.values()) <= 2
+    assert beside > 0
+    assert others > alone.total() / 2
+    units = [spec for spec in large[0].observations if spec.like is None]
+    there = sum(bool(set(DISTRACTORS_IN[spec.room]) & set(spec.objects)) for spec in units)
+    assert 0.4 < there / len(units) < 0.6
+
+
+def test_twins_are_two_fifths_of_the_pairs_and_an_oracle_of_categories_is_mostly_wrong(listening: Manifest) -> None:
+    """As if all objects were in view in every frame; docs/protocol-listen.md has the figures of the frames."""
+    kinds: Counter[str] = Counter()
+    right = 0
+    for group in groups(listening):
+        objects = group[0].objects
+        truths = [{(one.category, one.instance) for one in spec.sources or () if one.room is None} for spec in group]
+        marked = [
+            {(name, n) for one in spec.sources or () if (name := one.category) in CATEGORIES
+             for n in range(1, objects.get(name, 0) + 1)} for spec in group
+        ]  # fmt: skip
+        for one, other in itertools.combinations(range(len(group)), 2):
+            if truths[one] == truths[other]:
+                continue
+            both = [group[number].sources or () for number in (one, other)]
+            twins = all(len(sources) == 1 and sources[0].room is None for sources in both)
+            kinds["twins" if twins and both[0][0].category == both[1][0].category else "other"] += 1
+            right += all(marked[number] == truths[number] for number in (one, other))
+    assert kinds["twins"] >= 0.4 * kinds.total()
+    assert right <= 0.1 * kinds.total()
 
 
 def test_every_source_of_listen_has_a_level_of_its_own(listening: Manifest) -> None:
@@ -574,21 +720,23 @@ def test_every_source_of_listen_has_a_level_of_its_own(listening: Manifest) -> N
         assert len({one.gain_db for spec in group for one in spec.sources or ()}) >= 5
 
 
-def test_the_place_of_a_sibling_in_its_group_does_not_tell_what_sounds(listening: Manifest) -> None:
-    silent = {spec.index % 10 for spec in listening.observations if not spec.sources}
-    elsewhere = {spec.index % 10 for spec in listening.observations if any(one.room for one in spec.sources or ())}
-    assert min(len(silent), len(elsewhere)) > 2
+def test_the_place_of_a_sibling_in_its_group_does_not_tell_what_sounds(many) -> None:
+    specs = [spec for group in many for spec in group]
+    silent = Counter(spec.index % 10 for spec in specs if not spec.sources)
+    elsewhere = Counter(spec.index % 10 for spec in specs if any(one.room for one in spec.sources or ()))
+    for counts in (silent, elsewhere):
+        mean = counts.total() / 8
+        assert all(abs(counts[place] - mean) < 4 * mean**0.5 for place in range(1, 9))
 
 
 @pytest.mark.parametrize("path", [LISTEN, TUNE], ids=["listen", "listen-tune"])
 def test_listen_has_homes_of_its_own_every_room_and_every_category(path: Path) -> None:
     manifest = read_manifest(path).manifest
-    assert manifest.version == "3.0.0"
     assert len(manifest.scans) >= 8
     assert 16 <= len(groups(manifest)) <= 24
     assert len(manifest.observations) <= 140
     assert {spec.room for spec in manifest.observations} == set(ROOMS)
-    assert {one.category for spec in manifest.observations for one in spec.sources or ()} == set(CATEGORIES)
+    assert {one.category for spec in manifest.observations for one in spec.sources or ()} == set(HEARD)
     # listen-recorded.yaml has the observations of listen.yaml.
     own = {path.name, "listen-recorded.yaml"} if path == LISTEN else {path.name}
     found = [one for one in MANIFESTS.glob("*.yaml") if "lock" not in one.name and one.name not in own]
@@ -617,6 +765,15 @@ def test_twins_that_do_not_fit_are_placed_anew_before_others_are_drawn() -> None
     assert moved(again + 1).model_copy(update={"index": first.index}) != first
 
 
+def test_distractors_and_sounds_of_no_class_take_turns_though_most_groups_are_drawn_again() -> None:
+    wanted = Wanted(homes=8, observations=128, seed=3, parts=("part_3",), groups="listen")
+    asked = iter([range(16)] * 9 + [range(8)] * 5 + [()])
+    found = groups(drawn(wanted, misfits=lambda _: next(asked))[0])
+    assert {with_no_class(group) for group in found} == {None, *OFF_SCREEN_CATEGORIES}
+    stood = Counter(name for group in found for name in group[0].objects if name in DISTRACTORS_IN[group[0].room])
+    assert set(stood) == {name for names in DISTRACTORS_IN.values() for name in names}
+
+
 def test_twins_that_are_not_alike_do_not_fit() -> None:
     import numpy as np
 
@@ -641,12 +798,12 @@ def test_twins_that_are_not_alike_do_not_fit() -> None:
 
 
 def test_no_committed_manifest_draws_voices_of_another_split() -> None:
-    split_of = {(voice.category, voice.name): voice.split for name in CATEGORIES for voice in voices(name)}
+    split_of = {(voice.category, voice.name): voice.split for name in HEARD for voice in voices(name)}
     for path in sorted(MANIFESTS.glob("*.yaml")):
         if "lock" in path.name:
             continue
         manifest = read_manifest(path).manifest
-        assert manifest.version == "3.0.0", path.name
+        assert manifest.version == VERSION_OF.get(path.stem, "3.0.0"), path.name
         heard = {name for entry in manifest.observations for name in entry.heard}
         assert heard <= {*manifest.voices, *manifest.sounds}, f"{path.name}: a category plays its old sound"
         for category, names in manifest.voices.items():
@@ -663,16 +820,16 @@ def test_the_voices_of_a_split_are_drawn(split: str, tmp_path: Path) -> None:
     found = read_manifest(tmp_path / "out.yaml").manifest
     assert found.version == "3.0.0"
     assert {category: list(names) for category, names in found.voices.items()} == {
-        name: [voice.name for voice in voices(name) if voice.split == split] for name in CATEGORIES
+        name: [voice.name for voice in voices(name) if voice.split == split] for name in HEARD
     }
 
 
 def test_voices_of_another_split_can_be_held_out_too(tmp_path: Path) -> None:
     document, _ = sample(Wanted(homes=2, observations=4, seed=1, sounds="test"), NOTHING)
-    used = {(category, names[0]): "other" for category, names in document["voices"].items()}
+    used = {(name, document["voices"][name][0]): "other" for name in CATEGORIES}
     wanted = Wanted(homes=2, observations=4, seed=1, sounds="test", hold_out_sounds=True)
     left, _ = sample(wanted, Excluded({}, {}, {}, used))
-    assert left["voices"] == {category: names[1:] for category, names in document["voices"].items()}
+    assert left["voices"] == {name: names[name in CATEGORIES :] for name, names in document["voices"].items()}
 
 
 @pytest.mark.parametrize("text", ["3", "3.0", "v3.0.0", "", "3.0.0\n4"])

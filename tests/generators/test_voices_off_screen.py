@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 
 import numpy as np
 import pytest
@@ -35,7 +35,12 @@ def test_each_category_has_devices_in_training_and_test() -> None:
     for of_category in found.values():
         assert len({voice.name for voice in of_category}) == len(of_category) >= 3
         assert len({voice.mechanism for voice in of_category}) >= 3
-        assert {voice.split for voice in of_category} == {"train", "validation", "test"}
+        splits = Counter(voice.split for voice in of_category)
+        assert (splits["train"], splits["validation"], splits["test"]) >= (2, 1, 1)
+        assert min(splits["validation"], splits["test"]) >= 1
+        # A training voice is a device of another mechanism, not the same one with other numbers.
+        training = [voice.mechanism for voice in of_category if voice.split == "train"]
+        assert len(set(training)) == len(training)
 
 
 @pytest.mark.parametrize("voice", VOICES, ids=lambda voice: f"{voice.category}/{voice.name}")

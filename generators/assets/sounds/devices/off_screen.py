@@ -22,6 +22,8 @@ _BOILING = "stages of boiling: S. Nukiyama (1934); M. Minnaert's bubbles (1933)"
 _WHISTLE = "R. Henrywood & A. Agarwal, The aeroacoustics of a steam kettle, Physics of Fluids 25 (2013) 107101"
 _BYRNE = "D. Byrne et al., JASA 96 (1994) 2108 (long-term spectrum); " + _KLATT
 _ORGAN, _DRUM = "drawbar registration: sines at 1 to 8", "modes of an ideal membrane"
+_STIFF = "H. Fletcher, Normal vibration frequencies of a stiff piano string, JASA 36 (1964) 203"
+_RAIL = "D. Thompson, Railway Noise and Vibration (2009), chapters on rolling noise, impacts and curve squeal"
 _PLUCK = "K. Karplus & A. Strong, Computer Music Journal 7 (1983) 43; D. Jaffe & J. Smith, ibid. 56"
 
 _dishwasher, _fan, _kettle = (partial(Voice.of, name) for name in ("dishwasher", "fan", "kettle"))
@@ -30,24 +32,31 @@ _music, _street = (partial(Voice.of, name) for name in ("music", "street"))
 
 VOICES: tuple[Voice, ...] = (
     _dishwasher(machines.spray_arms, "train", "induction pump and turning jets", _PUMP),
+    _dishwasher(machines.tabletop_one_arm, "train", "synchronous pump, one arm, thin door", _DRAIN),
     _dishwasher(machines.inverter_two_arms, "validation", "brushless pump, arms in turn", _COMMUTATION),
     _dishwasher(machines.drain_and_fill, "test", "synchronous drain pump, inlet valve", _DRAIN),
     _fan(machines.desk_axial, "train", "axial blades on a shaded-pole motor", _FAN),
+    _fan(machines.duct_extractor, "train", "centrifugal wheel and a duct", _FAN),
     _fan(machines.ceiling_slow, "validation", "slow blades that wobble", _FAN),
     _fan(machines.tower_crossflow, "test", "cross-flow impeller", _FAN),
     _kettle(machines.electric_jug, "train", "collapsing, then rising bubbles of steam", _BOILING),
+    _kettle(machines.urn_simmering, "train", "collapsing bubbles under a thermostat", _BOILING),
     _kettle(machines.pan_with_lid, "validation", "rolling boil, lid", "Minnaert's bubbles (1933)"),
     _kettle(machines.stove_whistle, "test", "steam through two plates", _WHISTLE),
     _speech(animate.room_talk, "train", "formants, turn taking", _KLATT),
+    _speech(animate.one_sided_call, "train", "formants, one talker with pauses", _KLATT),
     _speech(animate.radio_talk, "validation", "formants, small radio", _KLATT),
     _speech(animate.crowd, "test", "noise with the spectrum and modulation of speech, and some talkers", _BYRNE),
     _dog(animate.large_bark, "train", "larynx and tract, harsh", _BARK),
+    _dog(animate.howl_and_bay, "train", "larynx and tract, sustained", _BARK),
     _dog(animate.whine_and_bark, "validation", "whines, growls, barks", _BARK),
     _dog(animate.small_yap, "test", "larynx and tract, tonal", _BARK),
     _music(music.organ_chords, "train", "additive chords", _ORGAN),
+    _music(music.struck_strings, "train", "partials of struck stiff strings", _STIFF),
     _music(music.drums_and_bass, "validation", "struck membranes, noise", _DRUM),
     _music(music.plucked_strings, "test", "string loop with a filter", _PLUCK),
     _street(street.passing_cars, "train", "rolling tyres, passing", _ROAD),
+    _street(street.tram_line, "train", "steel wheels on rails", _RAIL),
     _street(street.closed_window, "validation", "traffic through a pane", _ROAD),
     _street(street.wet_road_engines, "test", "splashing tyres, firing engines", _ROAD),
 )

@@ -10,7 +10,7 @@ from avs3d_bench.contract.layout import SAMPLE_RATE
 from generators.assets.sounds.bells import loudspeaker, turning, unsteady, wave
 from generators.assets.sounds.formants import Talker, noises, speak, talker
 from generators.assets.sounds.room_tone import over_room_tone, slow_curve, spectrum_noise
-from generators.assets.sounds.signals import Array, add_at, phase_of, time_axis, unit
+from generators.assets.sounds.signals import Array, add_at, phase_of, strike, time_axis, unit
 
 
 def room_talk(count: int, rng: Generator) -> Array:
@@ -24,6 +24,26 @@ def room_talk(count: int, rng: Generator) -> Array:
     for _ in range(number):
         who = talker(rng, str(rng.choice(["man", "woman", "woman", "child"])), rng.uniform(0.3, 0.6))
         out += rng.uniform(0.35, 1.0) * unit(speak(count, rng, who, turbulence))
+    return over_room_tone(out, rng)
+
+
+def one_sided_call(count: int, rng: Generator) -> Array:
+    """One half of a telephone call: one person who walks about, speaks, listens, and says a word in between.
+
+    Unit: who it is. Take: phrases, long pauses of listening, how near and how turned away the mouth is; steps.
+    """
+    kind = str(rng.choice(["man", "woman"]))
+    speech = unit(speak(count, rng, talker(rng, kind, rng.uniform(0.6, 0.85)), noises(count, rng)))
+    away = np.clip(0.5 + slow_curve(count, rng, 0.25, 0.35), 0.0, 1.0)
+    dull = np.asarray(lfilter(*butter(1, rng.uniform(900.0, 1800.0), fs=SAMPLE_RATE), speech))
+    out = (1 - 0.6 * away) * ((1 - away) * speech + away * dull)
+    floor = [(rng.uniform(70, 260), rng.uniform(0.05, 0.15), 1.0) for _ in range(4)]
+    now, pace = rng.uniform(0.0, 2.0), rng.uniform(0.5, 0.75)
+    while now * SAMPLE_RATE < count:
+        for _ in range(int(rng.integers(3, 9))):
+            add_at(out, int(now * SAMPLE_RATE), rng.uniform(0.1, 0.35) * strike(floor, 0.2, rng, attack=3e-3))
+            now += pace * rng.uniform(0.92, 1.08)
+        now += rng.uniform(1.0, 5.0)
     return over_room_tone(out, rng)
 
 
@@ -185,3 +205,33 @@ def whine_and_bark(count: int, rng: Generator) -> Array:
     scratching = spectrum_noise(count, rng, [300, 1500, 4000, 9000], [-20, -3, 0, -20])
     scratching *= np.clip(slow_curve(count, rng, 9.0, 0.5), 0, 1) * (np.sin(0.3 * t_all + rng.uniform(0, 6)) > 0.5)
     return over_room_tone(quiet + 0.08 * scratching, rng)
+
+
+def howl_and_bay(count: int, rng: Generator) -> Array:
+    """A hound that howls: long tones that rise, stay and sink, between them bays, long low barks.
+
+    Unit: pitch (280–600 Hz), tract of 15–22 cm. Take: howls of 1 to 4 s, breaks of the voice (a step to 3/2 or 2 of the
+    pitch), bays, breathing.
+    """
+    pitch, harsh = rng.uniform(280.0, 600.0), rng.uniform(0.2, 0.6)
+    formants = _dog_formants(rng, rng.uniform(0.15, 0.22))
+    out, now = np.zeros(count), -rng.uniform(0.0, 2.0)
+    while now * SAMPLE_RATE < count:
+        if rng.random() < 0.45:
+            seconds = rng.uniform(0.3, 0.6)
+            piece = 1.2 * unit(_bark(rng, 0.7 * pitch * rng.uniform(0.9, 1.1), seconds, 1.3 * harsh, formants))
+        else:
+            seconds = rng.uniform(1.0, 4.0)
+            n = int(seconds * SAMPLE_RATE)
+            t = np.linspace(0, 1, n)
+            course = np.interp(t, [0, 0.2, 0.4, 0.8, 1], [0.65, 0.95, 1.0, rng.uniform(0.85, 1.0), 0.6])
+            if rng.random() < 0.4:
+                course = course * np.where(t > rng.uniform(0.3, 0.7), 1.0, float(rng.choice([2 / 3, 0.5])))
+            tone = wave(
+                phase_of(pitch * course * unsteady(n, rng, 0.004, 0.004), n), [1.0, 0.7, 0.35, 0.2, 0.1, 0.05], rng
+            )
+            mouth = np.sin(np.pi * np.clip(t * rng.uniform(0.95, 1.05), 0, 1)) ** 0.5
+            piece = 0.8 * unit(mouth * _tract(tone + 0.05 * rng.standard_normal(n), formants))
+        add_at(out, int(now * SAMPLE_RATE), rng.uniform(0.5, 1.0) * piece)
+        now += seconds + rng.uniform(0.2, 1.5)
+    return over_room_tone(_panting(out, rng, formants, 0.05), rng)

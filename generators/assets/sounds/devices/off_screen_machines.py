@@ -113,6 +113,33 @@ def drain_and_fill(count: int, rng: Generator) -> Array:
     return over_room_tone(0.5 * pump + pumping * air * 0.35 * rush + 0.3 * gulps + water + 0.02 * rush, rng)
 
 
+def tabletop_one_arm(count: int, rng: Generator) -> Array:
+    """A small dishwasher on the worktop: a synchronous pump, one quick arm, a thin door, a heater with its relay.
+
+    Unit: mains, speed of the arm (0.7–1.4 turns per second), door, panel. Take: dishes, spells of heating, when the
+    pump rests. The pump turns in step with the mains, so that it has no slip and its noise is beaten at 50 or 60 Hz.
+    """
+    mains = float(rng.choice([50.0, 60.0]))
+    phase = turning(count, rng, mains, 2e-4, 2e-4)
+    panel = [(float(f), rng.uniform(5.0, 12.0), rng.uniform(0.4, 1.0)) for f in rng.uniform(200, 1300, 4)]
+    pump = resonator(unit(wave(phase, np.arange(1.0, 21.0) ** -rng.uniform(0.5, 0.9), rng)), panel, 0.25)
+    jets = _jets(count, rng, rng.uniform(0.7, 1.4) * (1 + slow_curve(count, rng, 0.4, 0.04)), rng.uniform(0.0, 1.5))
+    beaten = 1 + rng.uniform(0.1, 0.3) * np.sin(phase)
+    on, rests, now = rng.uniform(12.0, 30.0), [], -rng.uniform(0.0, 20.0)
+    while now * SAMPLE_RATE < count:
+        rests.append((now, now + on))
+        now += on * rng.uniform(0.8, 1.2) + rng.uniform(1.0, 3.0)
+    washing = 0.12 + 0.88 * gate(count, rests, 0.4, 0.3)
+    heater = np.clip(8.0 * slow_curve(count, rng, 0.1, 1.0), 0.0, 1.0)
+    hum = wave(2 * phase, [1.0, 0.3, 0.2, 0.1], rng)
+    relay = np.zeros(count)
+    for place in np.flatnonzero(np.diff((heater > 0.5).astype(np.int8))):
+        add_at(relay, int(place), 4.0 * strike(case_modes(rng, 600.0, 5000.0), 0.1, rng))
+    simmer = bubbles(count, rng, 4.0 + 25.0 * heater, (1.5, 7.0))
+    drawn = washing * (beaten * jets + rng.uniform(0.3, 0.6) * pump) + rng.uniform(0.03, 0.1) * heater * hum
+    return over_room_tone(drawn + 0.15 * simmer + 0.2 * relay, rng)
+
+
 def _blades(count: int, rng: Generator, turns: Array, blades: int, uneven: float) -> Array:
     """Blade passing: a pulse per blade, blades unlike by ``uneven``, so that orders of the shaft lie between."""
     orders = np.arange(1, 8 * blades + 1)
@@ -162,6 +189,27 @@ def ceiling_slow(count: int, rng: Generator) -> Array:
         at = int(place + rng.normal(0, 0.006 * SAMPLE_RATE))
         add_at(out, at, rng.uniform(0.1, 1.2) * kinds[int(rng.integers(0, 4))])
     return out
+
+
+def duct_extractor(count: int, rng: Generator) -> Array:
+    """An extractor fan of a bathroom or hob: a centrifugal wheel in a housing, a duct that rings, a flap that rattles.
+
+    Unit: wheel (9–14 blades, 18–40 turns a second), length of the duct (0.6–2.5 m, closed at the wheel), motor hum.
+    Take: gusts outside that load the wheel and lift the flap.
+    """
+    gust = slow_curve(count, rng, 0.5, 0.4)
+    turns = rng.uniform(18.0, 40.0) * (1 - 0.02 * gust) * unsteady(count, rng, 0.003, 0.001)
+    passing = unit(_blades(count, rng, turns, int(rng.integers(9, 15)), 0.25))
+    air = spectrum_noise(count, rng, _TUB, [-12, -5, 0, -1, -4, -9, -15, -24, -46])
+    base = 343.0 / (4 * rng.uniform(0.6, 2.5))
+    ringing = [(base * (2 * k - 1), rng.uniform(6.0, 14.0), 1 / k) for k in range(1, 7) if base * (2 * k - 1) < 4000]
+    ducted = unit(resonator(air * np.exp(slow_curve(count, rng, 18.0, 0.12)) + 0.3 * passing, ringing, 0.35))
+    mains = 2 * float(rng.choice([50.0, 60.0]))
+    hum = wave(turning(count, rng, mains, 1e-4, 5e-5), [1.0, 0.6, 0.3, 0.2, 0.1], rng)
+    flap, plate = np.zeros(count), case_modes(rng, 350.0, 3500.0)
+    for start in np.sort(rng.integers(0, count, rng.poisson(1.5 * count / SAMPLE_RATE))):
+        add_at(flap, int(start), max(0.0, 0.3 + float(gust[start])) * rng.uniform(0.1, 0.8) * strike(plate, 0.12, rng))
+    return (1 + 0.15 * gust) * ducted + 0.2 * passing + rng.uniform(0.05, 0.25) * hum + 0.25 * flap
 
 
 def tower_crossflow(count: int, rng: Generator) -> Array:
@@ -242,6 +290,33 @@ def pan_with_lid(count: int, rng: Generator) -> Array:
         add_at(rattle, int(now * SAMPLE_RATE), strength * rng.uniform(0.1, 1.0) * kinds[int(rng.integers(0, 6))])
         now += rng.gamma(3.0, 1 / (3.0 * beat))
     return power * (0.9 * plops + 0.15 * steam) + 0.15 * fizz + rng.uniform(0.1, 0.4) * rattle
+
+
+def urn_simmering(count: int, rng: Generator) -> Array:
+    """An urn that is kept hot: its thermostat switches every few seconds, bubbles collapse on the plate and die away.
+
+    Unit: vessel, power, thermostat. Take: spells of heating, drips from the lid and hisses where they fall.
+    """
+    seconds, now = count / SAMPLE_RATE, -rng.uniform(0.0, 6.0)
+    on, off, spells = rng.uniform(3.0, 8.0), rng.uniform(4.0, 9.0), []
+    clicks, modes = np.zeros(count), case_modes(rng, 800.0, 4500.0)
+    while now < seconds:
+        spells.append((now, now + on * rng.uniform(0.7, 1.3)))
+        for moment in spells[-1]:
+            add_at(clicks, int(moment * SAMPLE_RATE), rng.uniform(0.6, 1.2) * strike(modes, 0.1, rng))
+        now = spells[-1][1] + off * rng.uniform(0.7, 1.3)
+    heat = gate(count, spells, 1.8, 2.4)
+    singing = _collapses(count, rng, 60.0 + 2500.0 * heat**2, 400.0, 3200.0)
+    plops = bubbles(count, rng, 5.0 + 50.0 * heat, (3.0, 10.0))
+    steam = spectrum_noise(count, rng, [100, 400, 1200, 3500, 8000, 15_000], [-14, -4, 0, -7, -18, -42])
+    hiss = np.zeros(count)
+    for start in rng.integers(0, count, rng.poisson(0.8 * count / SAMPLE_RATE)):
+        n = int(rng.uniform(0.08, 0.4) * SAMPLE_RATE)
+        spit = rng.standard_normal(n) * np.exp(-4.0 * np.linspace(0, 1, n)) * np.minimum(1, np.arange(n) / 300)
+        add_at(hiss, int(start), rng.uniform(0.3, 1.0) * spit)
+    hiss = np.asarray(lfilter(*butter(2, [1500.0, 7000.0], "bandpass", fs=SAMPLE_RATE), hiss))
+    warm = 0.15 + 0.85 * heat
+    return over_room_tone(warm * singing + 0.6 * plops + 0.25 * warm * steam + 0.8 * hiss + 0.4 * clicks, rng)
 
 
 def stove_whistle(count: int, rng: Generator) -> Array:

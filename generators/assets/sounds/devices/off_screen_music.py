@@ -1,4 +1,4 @@
-"""Music of the next room, generated: chords, drums, plucked strings."""
+"""Music of the next room, generated: chords, drums, plucked and struck strings."""
 
 from __future__ import annotations
 
@@ -143,4 +143,50 @@ def plucked_strings(count: int, rng: Generator) -> Array:
         sections = butter(1, [0.95 * frequency, 1.05 * frequency], "bandpass", fs=SAMPLE_RATE, output="sos")
         body += sosfilt(sections, out)
     dull = lfilter(*butter(2, rng.uniform(4500.0, 8000.0), fs=SAMPLE_RATE), out + 1.5 * body)
+    return over_room_tone(np.asarray(dull), rng)
+
+
+def _struck_string(rng: Generator, pitch: float, seconds: float, stiffness: float, hard: float) -> Array:
+    """A struck stiff string: partials k·f·√(1 + B·k²) (Fletcher 1964), each of two that beat and fall off unlike."""
+    t = time_axis(int(seconds * SAMPLE_RATE))
+    out = np.zeros(len(t))
+    for k in range(1, 31):
+        frequency = k * pitch * np.sqrt((1 + stiffness * k**2) / (1 + stiffness))
+        if frequency > 9000:
+            break
+        # A hammer that strikes at an eighth of the string leaves out every eighth partial.
+        level = abs(np.sin(np.pi * k / 8)) * k**-hard + 1e-3
+        for decay, share in ((rng.uniform(0.25, 0.5), 0.7), (rng.uniform(1.0, 2.5), 0.3)):
+            rate = (1 + 0.12 * k) / decay
+            near = frequency * (1 + rng.normal(0, 3e-4))
+            out += share * level * np.exp(-rate * t) * np.sin(2 * np.pi * near * t + rng.uniform(0, 6.28))
+    return out * np.minimum(1.0, np.minimum(t / 0.002, t[::-1] / 0.05))
+
+
+def struck_strings(count: int, rng: Generator) -> Array:
+    """A piano-like instrument: struck stiff strings, a melody over broken chords, a soundboard that dulls.
+
+    Unit: root, stiffness B (2·10⁻⁴ to 10⁻³), hammers, tuning. Take: chords, melody, tempo, touch.
+    """
+    root, beat = 110.0 * 2 ** (rng.uniform(-3, 5) / 12), rng.uniform(0.25, 0.5)
+    chords, hard = _progression(rng), rng.uniform(0.7, 1.3)
+    stiffness = 10 ** rng.uniform(-3.7, -3.0)
+    bank: dict[int, Array] = {}
+    out, step = np.zeros(count), int(rng.integers(0, 5))
+    for number, moment in enumerate(_beats(count, rng, beat, 0.012)):
+        chord = chords[number // 8 % len(chords)]
+        notes = [chord[number % len(chord)] % 12]
+        if rng.random() < 0.55:
+            step = int(np.clip(step + rng.integers(-2, 3), 0, 5))
+            notes.append(12 + chord[step % len(chord)] % 12 + 12 * (step // 3))
+        if number % 8 == 0:
+            notes.append(chord[0] % 12 - 12)
+        for note in notes:
+            if note not in bank:
+                bank[note] = _struck_string(
+                    rng, root * 2 ** (note / 12) * (1 + rng.normal(0, 5e-4)), 1.8, stiffness, hard
+                )
+            add_at(out, int((moment + rng.normal(0, 0.006)) * SAMPLE_RATE), rng.uniform(0.4, 1.0) * bank[note])
+            add_at(out, int(moment * SAMPLE_RATE), 0.6 * click(rng, 0.02, 120.0, 900.0))
+    dull = lfilter(*butter(2, rng.uniform(4000.0, 7500.0), fs=SAMPLE_RATE), out)
     return over_room_tone(np.asarray(dull), rng)

@@ -1,4 +1,4 @@
-"""Streets: passing cars, traffic behind a window, a wet road."""
+"""Streets: passing cars, traffic behind a window, a wet road, a tram."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from numpy.random import Generator
 from scipy.signal import butter, sosfilt
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
-from generators.assets.sounds.bells import resonator, turning, unsteady, wave
+from generators.assets.sounds.bells import case_modes, resonator, turning, unsteady, wave
 from generators.assets.sounds.room_tone import slow_curve, spectrum_noise
-from generators.assets.sounds.signals import Array, add_at, phase_of, unit, upsampled
+from generators.assets.sounds.signals import Array, add_at, phase_of, strike, unit, upsampled
 
 _SOUND = 343.0
 #: Values per second of the curves of level.
@@ -139,3 +139,48 @@ def wet_road_engines(count: int, rng: Generator) -> Array:
     far = spectrum_noise(count, rng, *_ENGINES)
     wet = tyres * (0.6 * rolling + 0.8 * spray) + 0.4 * near * spray
     return wet + rng.uniform(0.4, 1.0) * out + rng.uniform(0.08, 0.25) * rain + 0.15 * far
+
+
+def tram_line(count: int, rng: Generator) -> Array:
+    """A street with a tram: steel wheels roar on rails, knock over joints, squeal in the bend; a bell, voices of cars.
+
+    Unit: rails (roughness peak at 400–900 Hz), distance between axles and joints, pitch of the squeal and the bell.
+    Take: when trams pass, their speed, how long they squeal. Model: rolling noise of wheel and rail with its peak below
+    1 kHz and levels that rise with the speed; stick and slip of a wheel at one of its modes (Thompson 2009).
+    """
+    tyres, near, _ = _traffic(count, rng, rng.uniform(4.0, 9.0), (6.0, 12.0), (8.0, 18.0))
+    peak = rng.uniform(400.0, 900.0)
+    roar = spectrum_noise(
+        count, rng, [60, 0.4 * peak, peak, 2 * peak, 4 * peak, 9000, 16_000], [-14, -6, 0, -4, -11, -26, -48]
+    )
+    far = spectrum_noise(count, rng, *_ENGINES) * np.exp(slow_curve(count, rng, 0.3, 0.25))
+    rolling = spectrum_noise(count, rng, *_TYRES)
+    out = tyres * rolling + 0.15 * near * rolling + rng.uniform(0.15, 0.35) * far
+    wheel, joint = rng.uniform(900.0, 3800.0), case_modes(rng, 90.0, 900.0)
+    bell, moment = _bell(rng.uniform(700.0, 1400.0), rng), rng.uniform(-3.0, 3.0)
+    while moment < count / SAMPLE_RATE + 4:
+        reach, speed, away = rng.uniform(4.0, 9.0), rng.uniform(4.0, 11.0), rng.uniform(5.0, 12.0)
+        first, t = _window(count, moment, reach)
+        if len(t):
+            level, doppler = _pass(t, moment, away, speed)
+            level *= np.clip(1 - np.abs(t - moment) / reach, 0.0, 1.0) * (speed / 8.0)
+            slip = np.clip(slow_curve(len(t), rng, 1.2, 1.0) - 0.6, 0.0, 1.0)
+            squeal = wave(phase_of(wheel * doppler * unsteady(len(t), rng, 0.001, 0.002), len(t)), [1.0, 0.3, 0.1], rng)
+            passing = 2.2 * level * roar[first : first + len(t)] + rng.uniform(0.2, 1.2) * level * slip * squeal
+            for axle in np.arange(t[0], t[-1], rng.uniform(1.6, 2.4) / speed * 4):
+                for wheelset in (0.0, 1.8 / speed):
+                    at = int((axle + wheelset - t[0]) * SAMPLE_RATE)
+                    loud = float(np.interp(axle, t, level))
+                    add_at(passing, at, loud * rng.uniform(0.8, 1.5) * strike(joint, 0.15, rng))
+            if rng.random() < 0.5:
+                for stroke in range(int(rng.integers(1, 4))):
+                    add_at(passing, int((0.3 * reach + 0.35 * stroke) * SAMPLE_RATE), rng.uniform(0.3, 0.8) * bell)
+            add_at(out, first, passing)
+        moment += rng.uniform(6.0, 16.0)
+    return out
+
+
+def _bell(pitch: float, rng: Generator) -> Array:
+    """One stroke on a bell of a tram: partials of a thin cup (ratios 1, 2.8, 5.2, 8.0)."""
+    modes = [(pitch * r * rng.uniform(0.99, 1.01), 1.6 / r, 1 / r) for r in (1.0, 2.8, 5.2, 8.0) if pitch * r < 9000]
+    return strike(modes, 1.2, rng)
