@@ -154,9 +154,10 @@ class ScanSpec(_Model):
 
     For a scan, ``file`` names its mesh, or ``asset`` one of the lock file; without either, the mesh is found by the
     scan's id below the folder of scans. ``up`` and ``front`` are the file's axes that become +Y and +Z (default: those
-    of its data set). ``rooms``: room name → [[x, y, z], [x, y, z]], the lowest and highest corner of the room's inside (Y up, metres); rooms that are
-    not given are taken from the scan's annotations. ``materials``: a SoundSpaces material file (JSON). ``splats``: the
-    same place in 3D Gaussians (PLY of 3D-GS), in the frame of ``file``, for ``--vision splats``; found as ``file`` is.
+    of its data set). ``rooms``: room name → [[x, y, z], [x, y, z]], the lowest and highest corner of the room's inside
+    (Y up, metres); rooms that are not given are taken from the scan's annotations. ``materials``: a SoundSpaces
+    material file (JSON). ``splats``: the same place in 3D Gaussians (PLY of 3D-GS), in the frame of ``file``, for
+    ``--vision splats``; found as ``file`` is.
     """
 
     #: Fields of a scan; all but ``file`` are later than the first version.
