@@ -34,6 +34,8 @@ from generators.options import DEFAULT_AUDIO
 
 #: Largest coordinate of a room's box (m): far beyond any home, and small enough for millimetres in single precision.
 FARTHEST = 10_000.0
+#: Range of the metres in a unit of a scan's file: from tenths of a millimetre to a hundred metres.
+SCAN_SCALE = (1e-4, 100.0)
 #: Largest number of silent objects in a room; no room has places for more.
 MOST_SILENT = 16
 #: Largest number of identical objects, and of sources of a part_3 observation.
@@ -153,8 +155,9 @@ class ScanSpec(_Model):
     """A home: a procedural ``apartment`` from a seed, or a ``scan`` (HM3D, Matterport3D, any GLB, glTF, OBJ or PLY).
 
     For a scan, ``file`` names its mesh; without it, the mesh is found by the scan's id below the folder of scans.
-    ``up`` and ``front`` are the file's axes that become +Y and +Z (default: those of its data set). ``rooms``: room
-    name → [[x, y, z], [x, y, z]], the lowest and highest corner of the room's inside (Y up, metres); rooms that are
+    ``up`` and ``front`` are the file's axes that become +Y and +Z (default: those of its data set). ``turn`` (degrees)
+    then turns it about +Y, counter-clockwise seen from above, so that its walls are parallel to the axes; ``scale`` is
+    the number of metres in a unit of the file (default: 1). ``rooms``: room name → [[x, y, z], [x, y, z]], the lowest and highest corner of the room's inside (Y up, metres); rooms that are
     not given are taken from the scan's annotations. ``materials``: a SoundSpaces material file (JSON).
     """
 
@@ -163,6 +166,8 @@ class ScanSpec(_Model):
     file: Line | None = None
     up: Axis | None = None
     front: Axis | None = None
+    turn: Annotated[Number, Field(ge=-180.0, le=180.0)] | None = None
+    scale: Annotated[Number, Field(ge=SCAN_SCALE[0], le=SCAN_SCALE[1])] | None = None
     materials: Line | None = None
     rooms: dict[RoomName, tuple[Corner, Corner]] = {}
     licence: LicenceSpec | None = None
@@ -171,8 +176,9 @@ class ScanSpec(_Model):
     def _complete(self) -> ScanSpec:
         if self.source == "apartment" and self.seed is None:
             raise ValueError("an apartment needs a seed")
-        if self.source == "apartment" and (self.file or self.up or self.front or self.materials):
-            raise ValueError("file, up, front and materials belong to a scan; write source: scan")
+        of_scans = (self.file, self.up, self.front, self.turn, self.scale, self.materials)
+        if self.source == "apartment" and any(value is not None for value in of_scans):
+            raise ValueError("file, up, front, turn, scale and materials belong to a scan; write source: scan")
         if (self.up is None) != (self.front is None):
             raise ValueError("up and front belong together: give both axes, or neither")
         if self.up and self.front and self.up[-1] == self.front[-1]:
@@ -181,7 +187,7 @@ class ScanSpec(_Model):
 
     def identity(self) -> dict[str, Any]:
         """Content for digests: options that later versions added count only where they are set."""
-        late = ("up", "front", "materials")
+        late = ("up", "front", "turn", "scale", "materials")
         return {name: value for name, value in self.model_dump().items() if value is not None or name not in late}
 
 
