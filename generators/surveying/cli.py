@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from click.core import ParameterSource
 
 from avs3d_bench.commands.click_options import HELP, PATH
-from avs3d_bench.commands.outputs import OutputFile
+from avs3d_bench.commands.outputs import OutputFile, check_replaceable
 from avs3d_bench.contract.taxonomy import check_room
 from avs3d_bench.errors import UsageError
 from avs3d_bench.runtime.one_thread import ONE_THREAD
@@ -19,6 +20,7 @@ from generators.sampling.name_option import name_option
 from generators.surveying.document import SCANNED
 
 if TYPE_CHECKING:
+    from generators.surveying.run import ScanRequest
     from generators.surveying.survey import RoomChoice
 
 #: Largest number of rooms that `--rooms` takes.
@@ -33,7 +35,7 @@ def _rooms(_: click.Context, __: click.Parameter, value: str | None) -> RoomChoi
     if value is None:
         return RoomChoice()
     if re.fullmatch(r"\d+", value) and 1 <= int(value) <= MOST_ROOMS:
-        return RoomChoice(count=int(value))
+        return RoomChoice(count=int(value), text=value)
     names: dict[str, int] = {}
     for order, text in enumerate(value.split(","), start=1):
         name, given, number = text.strip().partition("=")
@@ -51,7 +53,7 @@ def _rooms(_: click.Context, __: click.Parameter, value: str | None) -> RoomChoi
     twice = [number for number in names.values() if list(names.values()).count(number) > 1]
     if twice:
         raise UsageError(f"--rooms {value}: room {twice[0]} has two names; expected one")
-    return RoomChoice(tuple(names.items()))
+    return RoomChoice(tuple(names.items()), text=value)
 
 
 @click.command(context_settings=HELP, short_help="Turn a scan of a room into a manifest.")
@@ -95,17 +97,47 @@ def scan(
 
     if front is not None and up is None:
         raise UsageError("--front needs --up: expected both axes, or --up alone")
-    if not replace and output.exists() and output.stat().st_size:
-        raise UsageError(f"{output}: exists; add --replace to write it again (changes by hand are lost)")
-    words = click.get_current_context().obj or []
     request = ScanRequest(file, output, KnownFrame(up, front, scale, rooms), name, licence)
-    outcome = survey_scan(request, shlex.join(["avs3d", "scan", *words]) if words else f"avs3d scan {file.name}")
+    _check_outputs(request, replace)
+    outcome = survey_scan(request, shlex.join(["avs3d", "scan", str(file), *_given(click.get_current_context())]))
     for guess in outcome.survey.guesses:
         click.echo(f"{guess.name}: {guess.value} ({guess.how})")
-    for line in outcome.lines:
-        click.echo(line)
+    for each in outcome.measures:
+        click.echo(
+            f"{each.room.name}: {each.area:.1f} m² to walk on, {len(each.tops())} tables or worktops, "
+            f"{len(each.doors)} doorways, {each.hole_share:.0%} holes"
+        )
+    sounding = ", ".join(outcome.found.categories)
+    click.echo(f"{output}: {len(outcome.found.entries)} observations ({sounding}); look at {request.page}")
     for warning in outcome.survey.warnings:
         click.echo(f"avs3d scan: warning: {warning}", err=True)
-    folder = output.with_suffix("")
-    click.echo(f"next: avs3d generate {shlex.quote(str(output))} -o {shlex.quote(str(folder))}")
-    click.echo(f"then: avs3d view {shlex.quote(str(folder))}")
+    for word, line in zip(("next", "then"), request.next_commands, strict=True):
+        click.echo(f"{word}: {line}")
+
+
+def _check_outputs(request: ScanRequest, replace: bool) -> None:
+    """Refuse to replace a manifest without being told so, and a page that this command has not written.
+
+    Raises:
+        UsageError: in one line.
+    """
+    from generators.surveying.page import SCAN_PAGE
+
+    output = request.output
+    if output.suffix not in (".yaml", ".yml"):
+        raise UsageError(f"{output}: expected the name of a manifest, which ends in .yaml")
+    check_replaceable(request.page, [SCAN_PAGE])
+    for path in (output, request.page):
+        if not replace and path.exists() and path.stat().st_size:
+            raise UsageError(f"{path}: exists; add --replace to write it again (changes by hand are lost)")
+
+
+def _given(context: click.Context) -> list[str]:
+    """The options of this call that decide what the manifest says."""
+    words: list[str] = []
+    for name in ("rooms", "scale", "up", "front", "licence"):
+        if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
+            value = context.params[name]
+            values = value if isinstance(value, tuple) else (getattr(value, "text", value),)
+            words += [f"--{name}", *(f"{one:g}" if isinstance(one, float) else str(one) for one in values)]
+    return words

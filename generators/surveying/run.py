@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+import shlex
 import sys
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +20,12 @@ from generators.scans.scan import Axes, load_scan
 from generators.scans.sound import DEFAULT_LABEL
 from generators.surveying.document import document_of, relative_name, scan_manifest, test_voices
 from generators.surveying.fitting import FittingObservations, ScanFitting
+from generators.surveying.measures import RoomMeasures, measure
+from generators.surveying.page import scan_page
 from generators.surveying.survey import KnownFrame, Survey, survey
+
+#: Walkable floor of a room (m²), share of holes in it, and share of open directions that are worth a warning.
+LEAST_WALK, MOST_HOLES, MOST_OPEN = 1.0, 0.05, 0.15
 
 
 @dataclass(frozen=True)
@@ -31,18 +38,29 @@ class ScanRequest:
     name: str | None = None
     licence: tuple[str, str] | None = None
 
+    @property
+    def page(self) -> Path:
+        """The page beside the manifest."""
+        return self.output.with_suffix(".html")
+
+    @property
+    def next_commands(self) -> tuple[str, ...]:
+        """What the user types next, in the folder of this call."""
+        folder = shlex.quote(str(self.output.with_suffix("")))
+        return f"avs3d generate {shlex.quote(str(self.output))} -o {folder}", f"avs3d view {folder}"
+
 
 @dataclass(frozen=True, eq=False)
 class ScanOutcome:
-    """What was found, and lines that say so."""
+    """What was found."""
 
     survey: Survey
+    measures: tuple[RoomMeasures, ...]
     found: FittingObservations
-    lines: tuple[str, ...]
 
 
 def survey_scan(request: ScanRequest, command: str) -> ScanOutcome:
-    """Survey a scan and write its manifest; ``command``: its first line.
+    """Survey a scan, write its page and its manifest; ``command``: the manifest's first line.
 
     Raises:
         Avs3dError: one line, if the file is no scan of a room, or nothing fits into it.
@@ -62,12 +80,30 @@ def survey_scan(request: ScanRequest, command: str) -> ScanOutcome:
     )
     fitting = ScanFitting(home, document, request.output.resolve().parent)
     found = fitting.observations(tuple(boxes))
+    measures = tuple(measure(fitting.site(room)) for room in boxes)
+    surveyed = replace(surveyed, warnings=(*surveyed.warnings, *_doubts(measures)))
+    page = scan_page(name, home, surveyed, measures, found, request.next_commands)
+    files.write_bytes(request.page, page)
     if not found.entries:
         why = next(iter(found.refused.values()), "no room has a category")
-        raise Avs3dError(f"{request.file}: no object of the benchmark has a place in it: {why}")
+        raise Avs3dError(f"{request.file}: no object of the benchmark has a place in it (see {request.page}): {why}")
     document["voices"] = test_voices(found.categories)
     files.write_bytes(request.output, scan_manifest(document, surveyed, found, command).encode())
-    return ScanOutcome(surveyed, found, (f"{request.output}: {len(found.entries)} observations",))
+    return ScanOutcome(surveyed, measures, found)
+
+
+def _doubts(measures: Sequence[RoomMeasures]) -> list[str]:
+    """What may be wrong with the rooms as the generator uses them."""
+    out = []
+    for each in measures:
+        name = each.room.name
+        if each.area < LEAST_WALK:
+            out.append(f"{name}: only {each.area:.1f} m² of floor to walk on; is its box right?")
+        if each.hole_share > MOST_HOLES:
+            out.append(f"{name}: {each.hole_share:.0%} of its floor are holes; the camera does not walk over them")
+        if each.open_share > MOST_OPEN:
+            out.append(f"{name}: open in {each.open_share:.0%} of all directions: sound escapes there, pictures are grey")
+    return out
 
 
 def _read(file: Path) -> Mesh:

@@ -51,10 +51,11 @@ _USUAL_HEIGHT = 2.5
 
 @dataclass(frozen=True)
 class RoomChoice:
-    """What the user says about rooms; ``names``: room name → its number by size from 1; ``count``: how many."""
+    """What the user says about rooms, in a ``text``: room names with numbers by size from 1, or how many there are."""
 
     names: tuple[tuple[str, int], ...] = ()
     count: int | None = None
+    text: str = ""
 
 
 @dataclass(frozen=True)
