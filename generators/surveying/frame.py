@@ -38,8 +38,8 @@ DOUBT = 0.02
 _LARGE = 0.3
 #: Share of the floor's area that a second floor above it has at least.
 _STOREY = 0.4
-#: Without a ceiling, walls end where this share of the upright surface lies below (their upper edge is ragged).
-_WALL_TOP = 0.985
+#: Without a ceiling, walls end where less than this share of their usual surface lies (their upper edge is ragged).
+_WALL_TOP = 0.4
 #: Units of files by their metres, and the heights of ceilings by which they are told (m).
 UNITS = {"metres": 1.0, "millimetres": 0.001, "centimetres": 0.01, "feet": 0.3048, "inches": 0.0254}
 CEILING = (1.9, 4.5)
@@ -136,7 +136,9 @@ def find_levels(cloud: SurfaceCloud) -> Levels:
     if top:
         ceiling = _plane(cloud, level, low + (top[-1] + 0.5) * width, width)[0]
     else:
-        ceiling = float(quantiles(y[~level], cloud.area[~level], [_WALL_TOP])[0]) if (~level).any() else high
+        per_bin = np.bincount(at[~level], weights=cloud.area[~level], minlength=_BINS)
+        usual = float(np.median(per_bin[round(0.4 * _BINS) : round(0.7 * _BINS)]))
+        ceiling = low + (float(np.flatnonzero(per_bin >= _WALL_TOP * usual)[-1]) + 1.0) * width
     facing_up = cloud.normals[:, 1] >= LEVEL
     up_per_bin = np.bincount(at[facing_up], weights=cloud.area[facing_up], minlength=_BINS)
     middle = np.convolve(up_per_bin, np.ones(3), mode="same")[round(0.3 * _BINS) : round(0.7 * _BINS)]

@@ -44,8 +44,8 @@ NECKS = (0.5, 0.4, 0.6, 0.3, 0.75, 0.9, 0.2, 1.1)
 NARROWEST, SMALLEST = 1.2, 2.0
 #: A room with at least this share of its bounding rectangle is a rectangle.
 _FULL = 0.9
-#: How far a side is moved to the wall (m).
-_SNAP = 0.3
+#: How far a side is moved to a wall at most, and to one of either winding (m).
+_SNAP, _SNAP_CELL = 0.3, 0.08
 _MARGIN = 0.5
 
 
@@ -201,16 +201,21 @@ def _snapped(cloud: SurfaceCloud, levels: Levels, low: Array, high: Array, part:
     """The rectangle (x, z) with its sides moved to the walls, from the floor to the ceiling that it has."""
     sides = [[float(low[0]), float(low[1])], [float(high[0]), float(high[1])]]
     tall = (cloud.points[:, 1] >= levels.floor + 1.2) & (cloud.points[:, 1] <= levels.ceiling)
+    cloud_of_walls = cloud.where(tall)
     for end, inward in ((0, 1.0), (1, -1.0)):
         for axis, column in ((0, 0), (1, 2)):
             other, across = 1 - axis, 2 - column
-            near = np.abs(cloud.points[:, column] - sides[end][axis]) <= _SNAP
-            own = tall & near & (cloud.normals[:, column] * inward >= LEVEL)
-            along = cloud.points[:, across]
-            own &= (along >= low[other]) & (along <= high[other])
-            plane = _wall_plane(cloud.points[own, column], cloud.area[own])
-            if plane is not None:
-                sides[end][axis] = plane
+            values, along = cloud_of_walls.points[:, column], cloud_of_walls.points[:, across]
+            facing = cloud_of_walls.normals[:, column] * inward
+            within = (along >= low[other]) & (along <= high[other])
+            off = np.abs(values - sides[end][axis])
+            # Usually the plan is right to a cell. Farther away, only what faces the room counts, or the next room's
+            # side of a thin wall would.
+            for own in (within & (off <= _SNAP_CELL) & (np.abs(facing) >= LEVEL), within & (off <= _SNAP) & (facing >= LEVEL)):
+                plane = _wall_plane(values[own], cloud_of_walls.area[own])
+                if plane is not None:
+                    sides[end][axis] = plane
+                    break
     return _between(cloud, levels, sides, part)
 
 
