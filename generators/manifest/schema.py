@@ -157,8 +157,9 @@ class ScanSpec(_Model):
     For a scan, ``file`` names its mesh; without it, the mesh is found by the scan's id below the folder of scans.
     ``up`` and ``front`` are the file's axes that become +Y and +Z (default: those of its data set). ``turn`` (degrees)
     then turns it about +Y, counter-clockwise seen from above, so that its walls are parallel to the axes; ``scale`` is
-    the number of metres in a unit of the file (default: 1). ``rooms``: room name → [[x, y, z], [x, y, z]], the lowest and highest corner of the room's inside (Y up, metres); rooms that are
-    not given are taken from the scan's annotations. ``materials``: a SoundSpaces material file (JSON).
+    the number of metres in a unit of the file (default: 1). ``rooms``: room name → [[x, y, z], [x, y, z]], the lowest
+    and highest corner of the room's inside (Y up, metres); rooms that are not given are taken from the scan's
+    annotations. ``materials``: a SoundSpaces material file (JSON).
     """
 
     source: Literal["apartment", "scan"] = "apartment"

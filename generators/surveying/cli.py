@@ -6,7 +6,7 @@ import os
 import re
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
@@ -67,7 +67,9 @@ def _rooms(_: click.Context, __: click.Parameter, value: str | None) -> RoomChoi
     help="How many rooms there are (3), their names by size (living_room,kitchen) or by their numbers on the plan "
     "(kitchen=2,bathroom=3).",
 )
-@click.option("--scale", type=click.FloatRange(1e-4, 100.0), default=None, metavar="S", help="Metres in a unit of the file.")
+@click.option(
+    "--scale", type=click.FloatRange(1e-4, 100.0), default=None, metavar="S", help="Metres in a unit of the file."
+)
 @click.option("--up", type=_AXIS, default=None, help="The file's axis that points up.")
 @click.option("--front", type=_AXIS, default=None, help="The file's axis that becomes +Z; with --up.")
 @name_option("that of the output")
@@ -78,13 +80,10 @@ def _rooms(_: click.Context, __: click.Parameter, value: str | None) -> RoomChoi
 def scan(
     file: Path,
     output: Path,
-    rooms: RoomChoice,
-    scale: float | None,
-    up: str | None,
-    front: str | None,
     name: str | None,
     licence: tuple[str, str] | None,
     replace: bool,
+    **known: Any,
 ) -> None:
     """Turn the scan of a room or flat in FILE (GLB, glTF, OBJ, PLY) into a manifest that avs3d generate takes.
 
@@ -95,17 +94,17 @@ def scan(
     from generators.surveying.run import ScanRequest, survey_scan
     from generators.surveying.survey import KnownFrame
 
-    if front is not None and up is None:
+    if known["front"] is not None and known["up"] is None:
         raise UsageError("--front needs --up: expected both axes, or --up alone")
-    request = ScanRequest(file, output, KnownFrame(up, front, scale, rooms), name, licence)
+    request = ScanRequest(file, output, KnownFrame(**known), name, licence)
     _check_outputs(request, replace)
     outcome = survey_scan(request, shlex.join(["avs3d", "scan", str(file), *_given(click.get_current_context())]))
     for guess in outcome.survey.guesses:
         click.echo(f"{guess.name}: {guess.value} ({guess.how})")
     for each in outcome.measures:
         click.echo(
-            f"{each.room.name}: {each.area:.1f} m² to walk on, {len(each.tops())} tables or worktops, "
-            f"{len(each.doors)} doorways, {each.hole_share:.0%} holes"
+            f"{each.room.name}: floor to walk on {each.area:.1f} m², tables and other tops {len(each.tops())}, "
+            f"doorways {len(each.doors)}, holes {each.hole_share:.0%}"
         )
     sounding = ", ".join(outcome.found.categories)
     click.echo(f"{output}: {len(outcome.found.entries)} observations ({sounding}); look at {request.page}")

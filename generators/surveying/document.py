@@ -56,7 +56,7 @@ def scan_manifest(document: dict[str, Any], survey: Survey, found: FittingObserv
     """The manifest as YAML, with the command that wrote it in its first line."""
     lines = [
         f"# {command}",
-        "# All values of the scan were found on its geometry; change what is wrong. Pictures: the page beside this file.",
+        "# All values of the scan were found on its geometry; correct what is wrong. The page beside it shows them.",
     ]
     for field in ("name", "version", "seed"):
         lines.append(f"{field}: {one_line(document[field])}")

@@ -23,8 +23,10 @@ from generators.sampling.rooms import MOST
 
 #: Of a scan with one room, which other rooms' objects may be in it.
 ONE_ROOM = ("living_room", "kitchen")
-#: Largest number of observations of part_1 and of part_2 of a room, and numbers of instances that are tried in part_2.
-MOST_SINGLE, MOST_SEVERAL, COPIES = 4, 3, (3, 2)
+#: Largest numbers of observations of part_1 and part_2: of the only room, of each of several.
+MOST_OF_ONE_ROOM, MOST_OF_EACH = (4, 3), (2, 2)
+#: Numbers of instances that are tried in part_2.
+COPIES = (3, 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,18 +84,21 @@ class ScanFitting:
         for room in rooms:
             place = {"scan": scan, "room": room}
             names = [name for kind in (ONE_ROOM if len(rooms) == 1 else (room,)) for name in MOST[kind]]
-            single = self._single(place, list(dict.fromkeys(names)), refused)
+            most_single, most_several = MOST_OF_ONE_ROOM if len(rooms) == 1 else MOST_OF_EACH
+            single = self._single(place, list(dict.fromkeys(names)), most_single, refused)
             entries += single
-            entries += self._several(place, [entry["category"] for entry in single])
+            entries += self._several(place, [entry["category"] for entry in single], most_several)
         order = {"part_1": 0, "part_2": 1, "part_3": 2}
         entries.sort(key=lambda entry: order[entry["part"]])
         return FittingObservations((*entries, *self._siblings(entries)), refused)
 
-    def _single(self, place: dict[str, Any], names: Sequence[str], refused: dict[str, str]) -> list[dict[str, Any]]:
+    def _single(
+        self, place: dict[str, Any], names: Sequence[str], most: int, refused: dict[str, str]
+    ) -> list[dict[str, Any]]:
         """One object that sounds and, where it fits, another one that does not."""
         found: list[dict[str, Any]] = []
         for name in names:
-            if len(found) == MOST_SINGLE:
+            if len(found) == most:
                 break
             entry = {"part": "part_1", **place, "index": len(found) + 1, "category": name}
             beside = [{**entry, "silent": [other["category"]]} for other in found[-1:]]
@@ -107,11 +112,11 @@ class ScanFitting:
                 refused[f"{place['room']}: {name}"] = fault
         return found
 
-    def _several(self, place: dict[str, Any], names: Sequence[str]) -> list[dict[str, Any]]:
+    def _several(self, place: dict[str, Any], names: Sequence[str], most: int) -> list[dict[str, Any]]:
         """Identical objects, one of which sounds."""
         found: list[dict[str, Any]] = []
         for name in names:
-            if len(found) == MOST_SEVERAL:
+            if len(found) == most:
                 break
             entry = {"part": "part_2", **place, "index": len(found) + 1, "category": name}
             fitting = (copy for count in COPIES if not self.fault(copy := {**entry, "instances": count}))

@@ -74,9 +74,7 @@ def scan_page(
     """The page as HTML; ``commands``: that come next."""
     environment = template_environment("generators.surveying")
     environment.filters |= {"words": words, "units": keep_units}
-    pictures = [
-        (room, f"{heading:.0f}", data_uri(picture)) for room, heading, picture in eye_pictures(home, measures)
-    ]
+    pictures = [(room, f"{heading:.0f}", data_uri(picture)) for room, heading, picture in eye_pictures(home, measures)]
     entries = [
         {"room": entry.get("room"), "part": entry.get("part"), "category": entry.get("category"), "entry": entry}
         for entry in found.entries
@@ -131,11 +129,7 @@ def draw(home: Scene, survey: Survey, measures: Sequence[RoomMeasures]) -> PlanD
         tuple(row for each in measures for row in rows_of(each.holes)),
         tuple(_around(support, words(support.kind)) for each in measures for support in each.tops()),
         tuple(_around(support, "free wall") for each in measures for support in each.walls()),
-        tuple(
-            PlanRectangle(*door.min(axis=0).tolist(), *np.ptp(door, axis=0).tolist(), "doorway")
-            for each in measures
-            for door in each.doors
-        ),
+        tuple(_bounding(door, "doorway") for each in measures for door in each.doors),
     )
 
 
@@ -153,9 +147,13 @@ def rows_of(cells: Array) -> list[PlanRectangle]:
 def _around(support: Support, label: str) -> PlanRectangle:
     """The bounding rectangle of a support on the plan."""
     origin, u, v = (np.asarray(vector)[[0, 2]] for vector in (support.origin, support.u, support.v))
-    corners = np.stack([origin, origin + u, origin + v, origin + u + v])
-    low, size = corners.min(axis=0), np.ptp(corners, axis=0)
-    return PlanRectangle(*low.tolist(), *size.tolist(), label)
+    return _bounding(np.stack([origin, origin + u, origin + v, origin + u + v]), label)
+
+
+def _bounding(points: Array, label: str) -> PlanRectangle:
+    """The rectangle around points (N, 2)."""
+    (x, z), (width, depth) = points.min(axis=0).tolist(), np.ptp(points, axis=0).tolist()
+    return PlanRectangle(x, z, width, depth, label)
 
 
 def data_uri(picture: NDArray[np.uint8]) -> str:

@@ -211,7 +211,10 @@ def _snapped(cloud: SurfaceCloud, levels: Levels, low: Array, high: Array, part:
             off = np.abs(values - sides[end][axis])
             # Usually the plan is right to a cell. Farther away, only what faces the room counts, or the next room's
             # side of a thin wall would.
-            for own in (within & (off <= _SNAP_CELL) & (np.abs(facing) >= LEVEL), within & (off <= _SNAP) & (facing >= LEVEL)):
+            for own in (
+                within & (off <= _SNAP_CELL) & (np.abs(facing) >= LEVEL),
+                within & (off <= _SNAP) & (facing >= LEVEL),
+            ):
                 plane = _wall_plane(values[own], cloud_of_walls.area[own])
                 if plane is not None:
                     sides[end][axis] = plane

@@ -6,7 +6,7 @@ import re
 import shlex
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +34,7 @@ class ScanRequest:
 
     file: Path
     output: Path
-    known: KnownFrame = KnownFrame()
+    known: KnownFrame = field(default_factory=KnownFrame)
     name: str | None = None
     licence: tuple[str, str] | None = None
 
@@ -102,7 +102,9 @@ def _doubts(measures: Sequence[RoomMeasures]) -> list[str]:
         if each.hole_share > MOST_HOLES:
             out.append(f"{name}: {each.hole_share:.0%} of its floor are holes; the camera does not walk over them")
         if each.open_share > MOST_OPEN:
-            out.append(f"{name}: open in {each.open_share:.0%} of all directions: sound escapes there, pictures are grey")
+            out.append(
+                f"{name}: open in {each.open_share:.0%} of all directions: sound escapes there, pictures are grey"
+            )
     return out
 
 

@@ -204,8 +204,8 @@ def _check_levels(name: str, levels: Levels, scale: float, tilt: float, warnings
     floor, height = levels.floor_area * scale**2, levels.height * scale
     if levels.storeys > 1:
         raise Avs3dError(
-            f"{name}: two floors one above the other, {height:.1f} m from the lowest to the highest level; expected one "
-            "storey: cut the scan into one file per storey"
+            f"{name}: two floors one above the other, {height:.1f} m from the lowest to the highest level; expected "
+            "one storey: cut the scan into one file per storey"
         )
     if floor < LEAST_FLOOR:
         raise Avs3dError(
@@ -229,9 +229,7 @@ def _junk(kept: SurfaceCloud, cloud: SurfaceCloud) -> NDArray[np.bool_]:
     return np.asarray(((cloud.points < low) | (cloud.points > high)).any(axis=1))
 
 
-def _named(
-    boxes: Sequence[RoomBox], choice: RoomChoice, guesses: list[Guess], warnings: list[str]
-) -> dict[str, int]:
+def _named(boxes: Sequence[RoomBox], choice: RoomChoice, guesses: list[Guess], warnings: list[str]) -> dict[str, int]:
     """Room name → index of its box.
 
     Raises:
@@ -250,7 +248,9 @@ def _named(
     if choice.count is not None and found != choice.count:
         warnings.append(f"--rooms {choice.count}: found {found}; doors closed or walls missing? See the plan")
     if found > len(ROOMS) and not choice.names:
-        warnings.append(f"{found} rooms found, and the benchmark has {len(ROOMS)} kinds: choose with --rooms NAME=NUMBER")
+        warnings.append(
+            f"{found} rooms found, and the benchmark has {len(ROOMS)} kinds: choose with --rooms NAME=NUMBER"
+        )
     text = ", ".join(f"{name}={number + 1}" for name, number in named.items())
     guesses.append(Guess("rooms", f"{found} found: {text}", how, "--rooms N, or --rooms kitchen=2,bathroom=3"))
     return named
