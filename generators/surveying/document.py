@@ -9,6 +9,7 @@ from typing import Any
 
 from avs3d_bench.commands.outputs import Signature
 from generators.assets.sounds import voices
+from generators.plan import scans_root
 from generators.sampling.document import one_line
 from generators.surveying.fitting import FittingObservations
 from generators.surveying.survey import Survey
@@ -48,8 +49,17 @@ def test_voices(categories: Iterable[str]) -> dict[str, list[str]]:
 
 
 def relative_name(file: Path, manifest: Path) -> str:
-    """The name of a scan's file as the manifest has it: relative to its folder."""
-    return Path(os.path.relpath(file.resolve(), manifest.resolve().parent)).as_posix()
+    """The name of a scan's file as the manifest has it: relative to where `scans_root` looks, if that is right.
+
+    Names are relative to the manifest's folder unless ``$AVS3D_SCANS`` is set; a file outside that folder is named in
+    full.
+    """
+    base = manifest.resolve().parent
+    root = scans_root(base).resolve()
+    place = file.resolve()
+    if root != base and not place.is_relative_to(root):
+        return place.as_posix()
+    return Path(os.path.relpath(place, root)).as_posix()
 
 
 def scan_manifest(document: dict[str, Any], survey: Survey, found: FittingObservations, command: str) -> str:
@@ -87,7 +97,7 @@ def _scan_lines(document: dict[str, Any], survey: Survey) -> list[str]:
     ((name, scan),) = document["scans"].items()
     how = {guess.name: guess.how for guess in survey.guesses}
     comments = {
-        "file": "relative to this manifest's folder, or to --scans",
+        "file": "relative to this manifest's folder, or to --scans or $AVS3D_SCANS where given",
         "up": f"axis of the file that becomes +Y: {how['up']}",
         "front": "axis of the file that becomes +Z",
         "turn": f"degrees about +Y, counter-clockwise seen from above: {how['turn']}",

@@ -15,6 +15,7 @@ from generators.manifest.reading import read_manifest
 from generators.manifest.schema import ScanSpec
 from generators.options import GenerateOptions
 from generators.plan import make_plans
+from generators.surveying.document import relative_name
 from generators.surveying.measures import sphere
 from generators.surveying.page import rows_of
 from tests.support import browser
@@ -167,6 +168,16 @@ def test_turn_and_scale_count_in_a_digest_only_where_they_are_set() -> None:
     assert ScanSpec(source="scan", turn=3.0).identity()["turn"] == 3.0
     with pytest.raises(ValueError, match="belong to a scan"):
         ScanSpec(source="apartment", seed=1, turn=3.0)
+
+
+def test_the_file_is_named_from_where_it_is_looked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    manifest, file = tmp_path / "lab" / "room.yaml", tmp_path / "phone" / "room.glb"
+    monkeypatch.delenv("AVS3D_SCANS", raising=False)
+    assert relative_name(file, manifest) == "../phone/room.glb"
+    monkeypatch.setenv("AVS3D_SCANS", str(tmp_path / "phone"))
+    assert relative_name(file, manifest) == "room.glb"
+    monkeypatch.setenv("AVS3D_SCANS", str(tmp_path / "elsewhere"))
+    assert relative_name(file, manifest) == file.resolve().as_posix()
 
 
 def test_rows_cover_their_cells() -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError, UsageError
+from generators.assets.meshfile import load_mesh
 from generators.assets.modelframe import upright
 from generators.core.boxes import yaw_matrix
 from generators.surveying.cloud import SurfaceCloud, main_part
@@ -143,6 +145,21 @@ def test_an_angular_room_becomes_its_largest_rectangle() -> None:
     assert found.boxes[0].area == pytest.approx(10.0, abs=0.5)
     inside = np.mean(corner, axis=0)
     assert not ((inside > found.boxes[0].low) & (inside < found.boxes[0].high)).all()
+
+
+def test_a_real_room_is_found_where_it_is() -> None:
+    """A phone's scan (CC0); its box was measured by hand, with the closet on one side."""
+    file = Path(__file__).parents[2] / ".." / "shared" / "scans" / "tatami_room.glb"
+    if not file.is_file():
+        pytest.skip(f"{file} is not there: the scan is not part of the project")
+    mesh = load_mesh(file, twin="surface", max_acoustic_faces=10**7, textures=False)
+    found = survey(file.name, mesh.positions, gltf=True)
+    assert (found.up, found.turn, found.scale, found.rooms) == ("y", 0.0, 1.0, {"living_room": 0})
+    (box,) = found.boxes
+    low, high = (-1.38, -1.65, -2.0), (1.29, 0.95, 1.74)
+    assert (np.asarray(box.low) > np.asarray(low) - 0.1).all()
+    assert (np.asarray(box.high) < np.asarray(high) + 0.1).all()
+    assert box.area > 5.0
 
 
 CHAIR = np.concatenate([solid(((0, 0.4, 0), (0.5, 0.45, 0.5))), solid(((0, 0.45, 0), (0.5, 0.9, 0.05)))])
