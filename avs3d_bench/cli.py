@@ -38,6 +38,7 @@ GROUP = "avs3d.commands"
 #: One line per command of this project, so that the list of commands needs no import.
 SUMMARIES = {
     "generate": "Generate a dataset from a manifest.",
+    "scan": "Turn a scan of your own room into a manifest.",
     "seal": "Generate a dataset whose truth stays secret.",
     "unseal": "Prove that a sealed truth is what was committed to.",
     "manifest": "Sample a manifest of plausible observations, for training.",

@@ -203,12 +203,15 @@ class Support:
 class StageFile:
     """The file of a scan: a renderer that reads scans itself loads it instead of the scan's parts.
 
-    ``up`` and ``front`` are the file's axes that become +Y and +Z of the world (``z``, ``-y``, …).
+    ``up`` and ``front`` are the file's axes that become +Y and +Z of the world (``z``, ``-y``, …); ``turn`` (degrees)
+    then turns it about +Y, and ``scale`` is the number of metres in a unit of the file.
     """
 
     path: Path
     up: str = "y"
     front: str = "+z"
+    turn: float = 0.0
+    scale: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -60,7 +60,7 @@ def _open_scan(plan: ObservationPlan) -> Scene:
         files,
         {name: np.asarray(box) for name, box in spec.rooms.items()},
         licence=plan.scan_licence,
-        axes=Axes(spec.up, spec.front),
+        axes=Axes(spec.up, spec.front, spec.turn or 0.0, 1.0 if spec.scale is None else spec.scale),
         textures=textures,
         materials=plan.material_file,
         need=(room,),

@@ -34,6 +34,8 @@ from generators.options import DEFAULT_AUDIO
 
 #: Largest coordinate of a room's box (m): far beyond any home, and small enough for millimetres in single precision.
 FARTHEST = 10_000.0
+#: Range of the metres in a unit of a scan's file: from tenths of a millimetre to a hundred metres.
+SCAN_SCALE = (1e-4, 100.0)
 #: Largest number of silent objects in a room; no room has places for more.
 MOST_SILENT = 16
 #: Largest number of identical objects, and of sources of a part_3 observation.
@@ -154,14 +156,15 @@ class ScanSpec(_Model):
 
     For a scan, ``file`` names its mesh, or ``asset`` one of the lock file; without either, the mesh is found by the
     scan's id below the folder of scans. ``up`` and ``front`` are the file's axes that become +Y and +Z (default: those
-    of its data set). ``rooms``: room name → [[x, y, z], [x, y, z]], the lowest and highest corner of the room's inside
-    (Y up, metres); rooms that are not given are taken from the scan's annotations. ``materials``: a SoundSpaces
-    material file (JSON). ``splats``: the same place in 3D Gaussians (PLY of 3D-GS), in the frame of ``file``, for
-    ``--vision splats``; found as ``file`` is.
+    of its data set). ``turn`` (degrees) then turns it about +Y, counter-clockwise seen from above, so that its walls
+    are parallel to the axes; ``scale`` is the number of metres in a unit of the file (default: 1). ``rooms``: room
+    name → [[x, y, z], [x, y, z]], the lowest and highest corner of the room's inside (Y up, metres); rooms that are
+    not given are taken from the scan's annotations. ``materials``: a SoundSpaces material file (JSON). ``splats``: the
+    same place in 3D Gaussians (PLY of 3D-GS), in the frame of ``file``, for ``--vision splats``; found as ``file`` is.
     """
 
     #: Fields of a scan; all but ``file`` are later than the first version.
-    _of_scans: ClassVar[tuple[str, ...]] = ("file", "asset", "up", "front", "materials", "splats")
+    _of_scans: ClassVar[tuple[str, ...]] = ("file", "asset", "up", "front", "turn", "scale", "materials", "splats")
 
     source: Literal["apartment", "scan"] = "apartment"
     seed: int | None = Field(None, ge=0, strict=True)
@@ -169,6 +172,8 @@ class ScanSpec(_Model):
     asset: Line | None = None
     up: Axis | None = None
     front: Axis | None = None
+    turn: Annotated[Number, Field(ge=-180.0, le=180.0)] | None = None
+    scale: Annotated[Number, Field(ge=SCAN_SCALE[0], le=SCAN_SCALE[1])] | None = None
     materials: Line | None = None
     splats: Line | None = None
     rooms: dict[RoomName, tuple[Corner, Corner]] = {}

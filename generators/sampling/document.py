@@ -28,15 +28,15 @@ def manifest_text(document: dict[str, Any], command: str) -> str:
     lines = [f"# {command}"]
     for name, value in document.items():
         if name in ("scans", "models", "voices"):
-            lines += [f"{name}:", *(f"  {key}: {_flow(entry)}" for key, entry in value.items())]
+            lines += [f"{name}:", *(f"  {key}: {one_line(entry)}" for key, entry in value.items())]
         elif name == "observations":
-            lines += [f"{name}:", *(f"  - {_flow(entry)}" for entry in value)]
+            lines += [f"{name}:", *(f"  - {one_line(entry)}" for entry in value)]
         else:
-            lines.append(f"{name}: {_flow(value)}")
+            lines.append(f"{name}: {one_line(value)}")
     return "\n".join(lines) + "\n"
 
 
-def _flow(value: object) -> str:
-    """A value in one line."""
+def one_line(value: object) -> str:
+    """A value as YAML in one line."""
     text = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=1_000_000, allow_unicode=True)
     return str(text).removesuffix("...\n").strip()

@@ -21,6 +21,7 @@ from generators.acoustics.materialfile import read_material_file
 from generators.assets.acoustic_twin import clustered
 from generators.assets.meshfile import load_mesh
 from generators.assets.modelframe import upright
+from generators.core.boxes import yaw_matrix
 from generators.core.scene import F32, Licence, Mesh, Part, Room, Scene, SplatFile, StageFile, Support
 from generators.scans.annotations import Annotations
 from generators.scans.files import ScanFiles, find_scan_files, scan_files_of
@@ -47,15 +48,27 @@ _SHARES = (0.15, 0.5, 0.85)
 
 @dataclass(frozen=True)
 class Axes:
-    """Axes of a scan's file; None: as its data set has them.
+    """Axes and unit of a scan's file; None: as its data set has them.
 
     Attributes:
-        up: the one that points up (HM3D, Matterport3D: ``z``; else ``y``).
+        up: the axis that points up (HM3D, Matterport3D: ``z``; else ``y``).
         front: the one that becomes +Z (HM3D, Matterport3D: ``-y``; else ``+z``).
+        turn: degrees about +Y by which the scan is turned after that, counter-clockwise seen from above.
+        scale: metres in a unit of the file.
     """
 
     up: str | None = None
     front: str | None = None
+    turn: float = 0.0
+    scale: float = 1.0
+
+    def rotation(self, files: ScanFiles) -> NDArray[np.float64]:
+        """(3, 3) rotation from the axes of ``files`` to the world's.
+
+        Raises:
+            UsageError: if ``up`` and ``front`` are not two perpendicular axes.
+        """
+        return yaw_matrix(np.radians(self.turn)) @ upright(self.up or files.up, self.front or files.front)
 
 
 def load_scan(
@@ -92,10 +105,11 @@ def load_scan(
             found.
     """
     files = _files(name, source)
-    up, front = axes.up or files.up, axes.front or files.front
-    rotation = upright(up, front)
+    rotation = axes.rotation(files)
     table = read_material_file(materials) if materials is not None else None
     annotations = _read_annotations(files, rotation)
+    if annotations is not None and axes.scale != 1.0:
+        raise Avs3dError(f"scan {name}: scale {axes.scale:g}, but annotated scans are in metres; leave it out")
     given = dict(rooms or {})
     boxes: dict[str, ArrayLike] = {**(find_rooms(annotations) if annotations is not None else {}), **given}
     for label in need:
@@ -105,7 +119,7 @@ def load_scan(
         raise Avs3dError(
             f"scan {name}: no rooms given, and no annotations show any; expected the box of at least one room"
         )
-    mesh = _read_mesh(files.mesh, rotation, textures)
+    mesh = _read_mesh(files.mesh, rotation, textures, axes.scale)
     supports: list[Support] = []
     found: list[tuple[Room, float]] = []
     for label, box in boxes.items():
@@ -121,8 +135,8 @@ def load_scan(
         supports += own if annotations is None else [s for s in own if _usable(s, annotations)]
     mesh = labelled(_decimated(mesh, [room for room, _ in found]), found, annotations, table)
     part = Part(name, mesh, licence=licence or Licence("unknown", "unknown", files.mesh.name))
-    stage = StageFile(files.mesh, up, front)
-    splats = SplatFile(files.splats, similarity(rotation)) if files.splats is not None else None
+    stage = StageFile(files.mesh, axes.up or files.up, axes.front or files.front, axes.turn, axes.scale)
+    splats = SplatFile(files.splats, similarity(rotation, axes.scale)) if files.splats is not None else None
     return Scene(name, (part,), tuple(room for room, _ in found), tuple(supports), stage=stage, splats=splats)
 
 
@@ -133,14 +147,14 @@ def similarity(rotation: NDArray[np.float64], scale: float = 1.0) -> NDArray[np.
     return out
 
 
-def _read_mesh(path: Path, rotation: NDArray[np.float64], textures: bool) -> Mesh:
-    """The mesh of a scan, turned; without ``textures`` it is plain.
+def _read_mesh(path: Path, rotation: NDArray[np.float64], textures: bool, scale: float = 1.0) -> Mesh:
+    """The mesh of a scan, turned and in metres; without ``textures`` it is plain.
 
     Raises:
         Avs3dError: if it is broken or reaches too far.
     """
     mesh = load_mesh(path, acoustic=DEFAULT_LABEL, twin="surface", max_acoustic_faces=sys.maxsize, textures=textures)
-    mesh = mesh.transformed(rotation, np.zeros(3))
+    mesh = mesh.transformed(rotation, np.zeros(3), scale)
     reach = float(np.abs(mesh.bounds).max())
     if reach > FARTHEST:
         raise Avs3dError(

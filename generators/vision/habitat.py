@@ -30,6 +30,7 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.files import os_error_line
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.assets.modelframe import upright
+from generators.core.boxes import yaw_matrix
 from generators.core.freespace import AGENT_RADIUS, CELL, SENSOR_HEIGHT, Navigable
 from generators.core.scene import Material, Part, Scene, StageFile
 from generators.core.tone import srgb_encode
@@ -312,14 +313,17 @@ def _write_stage(folder: Path, stage: StageFile) -> str:
     """
     if not stage.path.is_file():
         raise Avs3dError(f"{stage.path}: no such file; habitat-sim is to load the scan from there")
-    turn = upright(stage.up, stage.front)  # rows: the file's axes that become X, Y and Z
+    # Rows: the directions of the file that become X, Y and Z.
+    turn = yaw_matrix(np.radians(stage.turn)) @ upright(stage.up, stage.front)
     # habitat-sim's front looks along −Z.
     config = {
         "render_asset": str(stage.path.absolute()),
-        "up": [int(c) for c in turn[1]],
-        "front": [int(-c) for c in turn[2]],
+        "up": [float(c) for c in turn[1]],
+        "front": [float(-c) for c in turn[2]],
         "force_flat_shading": True,
     }
+    if stage.scale != 1.0:
+        config["scale"] = [stage.scale] * 3
     path = folder / "scene.stage_config.json"
     path.write_text(json.dumps(config))
     return str(path)

@@ -24,7 +24,7 @@ from baselines.trivial import write_trivial
 from evaluators import cli as evaluator
 from tests.evaluators.test_score import submit, true_mask
 from tests.evaluators.test_sweep_curve import rows_of_part_2, saved
-from tests.support import sealed_trees, tiny, tiny_listener, tiny_scenes
+from tests.support import made_rooms, sealed_trees, tiny, tiny_listener, tiny_scenes
 from tests.support.homes import write_manifest
 
 MINE = b"somebody's only copy"
@@ -88,6 +88,7 @@ OUTPUTS = {
     ("manifest sample", "output"): Case(
         "manifest sample -o OUT --homes 1 --observations 1 --seed 9 --exclude manifest.yaml", suffix=".yaml"
     ),
+    ("scan", "output"): Case("scan room.glb -o OUT", suffix=".yaml", reruns=False),
     ("sweep", "output"): Case(
         "sweep manifest.yaml --over acoustics.absorption_scale=0.5,2 -o OUT", suffix=".yaml", beside="."
     ),
@@ -131,7 +132,7 @@ INPUTS = {
     "root", "manifest", "hrtf", "scans", "habitat_python", "cache", "jobqueue_options", "submission", "submissions",
     "truth", "score_file", "scores", "tables", "public", "private", "image", "terms", "exclude", "secret_file", "files",
     "array", "lock", "path", "data", "weights", "listener_weights", "checkpoint", "boxes_checkpoint", "sam_checkpoint",
-    "similarity_checkpoint", "folder", "verified", "index",
+    "similarity_checkpoint", "folder", "verified", "index", "file",
 }  # fmt: skip
 
 
@@ -183,6 +184,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_webdataset(data, place / "shards", workers=1)
     sealed_trees.write_seal(place / "seal")
     tiny_listener.write_weights(place)
+    made_rooms.write_mesh(made_rooms.flat(("living_room",)), place / "room.glb")
     (place / "assets.lock.yaml").write_text("version: 1\nassets: []\n")
     return place
 

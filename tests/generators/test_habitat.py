@@ -20,6 +20,7 @@ from avs3d_bench.geometry import Intrinsics, Pose
 from generators.assets.meshfile import load_mesh
 from generators.assets.modelframe import upright
 from generators.assets.shapes import MeshBuilder
+from generators.core.boxes import yaw_matrix
 from generators.core.freespace import CELL, FreeSpace, distance_to_polygon
 from generators.core.scene import Material, Part, Scene, StageFile
 from generators.paths.trajectory import WalkTask, plan_walk
@@ -128,13 +129,16 @@ def test_both_sides_of_a_face_nothing_behind_it_ids_of_16_bits_and_a_camera_that
 
 
 @pytest.mark.slow
-def test_a_stage_whose_file_has_z_up_stands_upright(tmp_path: Path, backend: HabitatBackend) -> None:
+@pytest.mark.parametrize(("degrees", "scale"), [(0.0, 1.0), (25.0, 0.01)])
+def test_a_stage_whose_file_has_z_up_stands_upright(
+    tmp_path: Path, backend: HabitatBackend, degrees: float, scale: float
+) -> None:
     parts = (box((0, -0.05, 0), 0, 4.0), box((1.0, 2.3, -0.5), 0, 0.6, RED))
-    turn = upright("z", "-y")
-    lying = tuple(replace(part, mesh=part.mesh.transformed(turn.T, np.zeros(3))) for part in parts)
+    turn = yaw_matrix(np.radians(degrees)) @ upright("z", "-y")
+    lying = tuple(replace(part, mesh=part.mesh.transformed(turn.T, np.zeros(3), 1 / scale)) for part in parts)
     path = tmp_path / "lying.glb"
     write_glb(box_scene(*lying), path)
-    scene = replace(box_scene(*parts), stage=StageFile(path, up="z", front="-y"))
+    scene = replace(box_scene(*parts), stage=StageFile(path, up="z", front="-y", turn=degrees, scale=scale))
     poses = [Pose.from_yaw((0.3, 3.2, 2.5), 0.1, -0.4), Pose.from_yaw((-1.4, 3.0, -1.2), -2.2, -0.3)]
     ours, theirs = (render(engine, scene, poses, CAMERA) for engine in (EmbreeBackend(), backend))
     for a, b in zip(ours, theirs, strict=True):

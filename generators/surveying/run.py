@@ -1,0 +1,135 @@
+"""The whole of `avs3d scan`: read, survey, try what fits, write."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.formats import files
+from generators.assets.meshfile import load_mesh
+from generators.core.scene import Licence, Mesh
+from generators.scans.files import MESH_SUFFIXES, scan_files_of
+from generators.scans.scan import Axes, load_scan
+from generators.scans.sound import DEFAULT_LABEL
+from generators.surveying.document import document_of, relative_name, scan_manifest, test_voices
+from generators.surveying.fitting import FittingObservations, ScanFitting
+from generators.surveying.measures import RoomMeasures, measure
+from generators.surveying.page import scan_page
+from generators.surveying.survey import KnownFrame, Survey, survey
+
+#: Walkable floor of a room (m²), share of holes in it, and share of open directions that are worth a warning.
+LEAST_WALK, MOST_HOLES, MOST_OPEN = 1.0, 0.05, 0.15
+
+
+@dataclass(frozen=True)
+class ScanRequest:
+    """What `avs3d scan` is asked for: the scan, the manifest, what need not be found, the manifest's name, licence."""
+
+    file: Path
+    output: Path
+    known: KnownFrame = field(default_factory=KnownFrame)
+    name: str | None = None
+    licence: tuple[str, str] | None = None
+
+    @property
+    def page(self) -> Path:
+        """The page beside the manifest."""
+        return self.output.with_suffix(".html")
+
+    @property
+    def next_commands(self) -> tuple[str, ...]:
+        """What the user types next, in the folder of this call."""
+        folder = shlex.quote(str(self.output.with_suffix("")))
+        return f"avs3d generate {shlex.quote(str(self.output))} -o {folder}", f"avs3d view {folder}"
+
+
+@dataclass(frozen=True, eq=False)
+class ScanOutcome:
+    """What was found."""
+
+    survey: Survey
+    measures: tuple[RoomMeasures, ...]
+    found: FittingObservations
+
+
+def survey_scan(request: ScanRequest, command: str) -> ScanOutcome:
+    """Survey a scan, write its page and its manifest; ``command``: the manifest's first line.
+
+    Raises:
+        Avs3dError: one line, if the file is no scan of a room, or nothing fits into it.
+        UsageError: for a wrong request.
+    """
+    mesh = _read(request.file)
+    surveyed = survey(request.file.name, mesh.positions, request.known, gltf=_is_gltf(request.file))
+    name = request.name or _slug(request.output.stem)
+    document = document_of(name, relative_name(request.file, request.output), surveyed, request.licence)
+    boxes = {room: np.array([surveyed.boxes[n].low, surveyed.boxes[n].high]) for room, n in surveyed.rooms.items()}
+    home = load_scan(
+        name,
+        scan_files_of(request.file.resolve()),
+        boxes,
+        licence=Licence(*request.licence, request.file.name) if request.licence else None,
+        axes=Axes(surveyed.up, surveyed.front, surveyed.turn, surveyed.scale),
+    )
+    fitting = ScanFitting(home, document, request.output.resolve().parent)
+    found = fitting.observations(tuple(boxes))
+    measures = tuple(measure(fitting.site(room)) for room in boxes)
+    surveyed = replace(surveyed, warnings=(*surveyed.warnings, *_doubts(measures)))
+    page = scan_page(name, home, surveyed, measures, found, request.next_commands)
+    files.write_bytes(request.page, page)
+    if not found.entries:
+        why = next(iter(found.refused.values()), "no room has a category")
+        raise Avs3dError(f"{request.file}: no object of the benchmark has a place in it (see {request.page}): {why}")
+    document["voices"] = test_voices(found.categories)
+    files.write_bytes(request.output, scan_manifest(document, surveyed, found, command).encode())
+    return ScanOutcome(surveyed, measures, found)
+
+
+def _doubts(measures: Sequence[RoomMeasures]) -> list[str]:
+    """What may be wrong with the rooms as the generator uses them."""
+    out = []
+    for each in measures:
+        name = each.room.name
+        if each.area < LEAST_WALK:
+            out.append(f"{name}: only {each.area:.1f} m² of floor to walk on; is its box right?")
+        if each.hole_share > MOST_HOLES:
+            out.append(f"{name}: {each.hole_share:.0%} of its floor are holes; the camera does not walk over them")
+        if each.open_share > MOST_OPEN:
+            out.append(
+                f"{name}: open in {each.open_share:.0%} of all directions: sound escapes there, pictures are grey"
+            )
+    return out
+
+
+def _read(file: Path) -> Mesh:
+    """The mesh as its file has it.
+
+    Raises:
+        Avs3dError: if it is missing or no mesh, or has no colours.
+    """
+    if not file.is_file() or not file.name.lower().endswith(MESH_SUFFIXES):
+        what = "is no scan" if file.is_file() else "does not exist" if not file.exists() else "is a folder"
+        raise Avs3dError(f"{file}: {what}; expected a mesh: {', '.join(MESH_SUFFIXES)}")
+    mesh = load_mesh(file, acoustic=DEFAULT_LABEL, twin="surface", max_acoustic_faces=sys.maxsize)
+    if all(material.texture is None for material in mesh.materials) and len({m.colour for m in mesh.materials}) == 1:
+        raise Avs3dError(
+            f"{file}: has no colours; expected a texture or vertex colours: export it with textures "
+            "(an OBJ needs its MTL and pictures beside it)"
+        )
+    return mesh
+
+
+def _is_gltf(file: Path) -> bool:
+    return file.suffix.lower() in (".glb", ".gltf")
+
+
+def _slug(text: str) -> str:
+    """A name of a manifest made of a file's."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "_", text).strip("._-") or "my_room"

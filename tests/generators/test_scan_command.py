@@ -1,0 +1,196 @@
+"""`avs3d scan`: a manifest that generates at once, the page beside it, and one line for what it refuses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from avs3d_bench.cli import main
+from generators.core.boxes import yaw_matrix
+from generators.homes.store import open_home
+from generators.manifest.reading import read_manifest
+from generators.manifest.schema import ScanSpec
+from generators.options import GenerateOptions
+from generators.plan import make_plans
+from generators.surveying.document import relative_name
+from generators.surveying.measures import sphere
+from generators.surveying.page import rows_of
+from tests.support import browser
+from tests.support.made_rooms import ROOMS, flat, write_mesh
+
+
+def scan(*words: object) -> int:
+    """Exit code of ``avs3d scan``."""
+    with pytest.raises(SystemExit) as end:
+        main(["scan", *map(str, words)])
+    return int(end.value.code or 0)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A living room, scanned in millimetres with Z up and turned by 23°, and what `avs3d scan` writes for it."""
+    place = tmp_path_factory.mktemp("scan")
+    (place / "phone").mkdir()
+    room = flat(("living_room",), rng=np.random.default_rng(1)) @ yaw_matrix(np.radians(23)).T
+    z_up = np.stack([room[..., 0], -room[..., 2], room[..., 1]], axis=-1) * 1000
+    vertices = z_up.reshape(-1, 3)
+    colours = np.full((len(vertices), 4), (150, 120, 90, 255), dtype=np.uint8)
+    colours[::3, 0] = 200
+    faces = np.arange(len(vertices)).reshape(-1, 3)
+    trimesh.Trimesh(vertices, faces, vertex_colors=colours, process=False).export(place / "phone" / "room.ply")
+    assert scan(place / "phone" / "room.ply", "-o", place / "my_room.yaml", "--licence", "CC0 1.0", "Ann") == 0
+    return place
+
+
+def test_the_manifest_says_what_was_found_and_how(folder: Path) -> None:
+    text = (folder / "my_room.yaml").read_text()
+    spec = read_manifest(folder / "my_room.yaml").manifest.scans["my_room"]
+    assert (spec.file, spec.up, spec.front, spec.scale) == ("phone/room.ply", "z", "-y", 0.001)
+    assert spec.turn is not None
+    assert min(abs(spec.turn + 23 - 90 * k) for k in range(-2, 3)) < 1.0
+    assert spec.licence is not None
+    assert (spec.licence.name, spec.licence.author) == ("CC0 1.0", "Ann")
+    for field in ("up", "turn", "scale", "living_room"):
+        (line,) = (line for line in text.splitlines() if line.strip().startswith(f"{field}:"))
+        assert "  # " in line, f"{field} does not say how it was found"
+
+
+def test_the_home_lies_as_the_manifest_says(folder: Path) -> None:
+    plans = make_plans(read_manifest(folder / "my_room.yaml"), GenerateOptions(audio="analytic"))
+    home = open_home(plans[0], folder / "cache")
+    room = home.room("living_room")
+    size = np.sort(np.subtract(room.high, room.low))
+    assert size == pytest.approx(sorted(np.subtract(*reversed(ROOMS["living_room"]))), abs=0.05)
+    # A table of 1.2 × 0.7 m is found only where its sides are parallel to the axes.
+    (table,) = (support for support in home.supports if support.kind == "side_table")
+    assert np.prod([np.linalg.norm(table.u), np.linalg.norm(table.v)]) == pytest.approx(1.2 * 0.7, abs=0.2)
+    assert table.origin[1] - room.low[1] == pytest.approx(0.55, abs=0.02)
+
+
+def test_every_part_is_in_the_manifest_with_voices_of_the_test_split(folder: Path) -> None:
+    manifest = read_manifest(folder / "my_room.yaml").manifest
+    assert {entry.part for entry in manifest.observations} == {"part_1", "part_2", "part_3"}
+    heard = {name for entry in manifest.observations for name in entry.heard}
+    assert heard <= set(manifest.voices)
+    assert len(manifest.observations) >= 5
+
+
+@pytest.mark.slow
+def test_it_generates_at_once(folder: Path) -> None:
+    words = ["generate", folder / "my_room.yaml", "-o", folder / "data", "--frames", 8, "--size", 64]
+    with pytest.raises(SystemExit) as end:
+        main([*map(str, words), "--audio", "analytic", "--workers", "1", "--cache", str(folder / "cache")])
+    assert not end.value.code
+    keys = {entry.key for entry in read_manifest(folder / "my_room.yaml").manifest.observations}
+    assert all((folder / "data" / key / "observation.json").is_file() for key in keys)
+
+
+def test_the_same_scan_gives_the_same_bytes(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "phone").symlink_to(folder / "phone")
+    words = [folder / "phone" / "room.ply", "-o", folder / "again.yaml", "--licence", "CC0 1.0", "Ann"]
+    assert scan(*words, "--name", "my_room") == 0
+    assert (folder / "again.yaml").read_bytes() == (folder / "my_room.yaml").read_bytes()
+    page = (folder / "again.html").read_bytes().replace(b"again.yaml -o again", b"my_room.yaml -o my_room")
+    assert (
+        page.replace(b"view again", b"view my_room").split(b"<h2>Next")[0]
+        == ((folder / "my_room.html").read_bytes().split(b"<h2>Next")[0])
+    )
+
+
+def test_the_page_is_one_file(folder: Path) -> None:
+    page = (folder / "my_room.html").read_text()
+    assert page.count("data:image/jpeg") == 5, "the plan and four pictures"
+    assert "http" not in page.replace("http-equiv", "")
+    for text in ("What was guessed", "--rooms N", "--scale METRES", "avs3d generate", "Rooms"):
+        assert text in page
+
+
+@pytest.mark.slow
+def test_the_page_opens_without_a_complaint(folder: Path) -> None:
+    with browser.launch() as chromium:
+        for width in (360, 1280):
+            with browser.visit(chromium, folder / "my_room.html", width=width) as visit:
+                assert not visit.said
+                assert not visit.asked
+                assert visit.overflow <= 0
+
+
+def test_nothing_is_replaced_without_a_word(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = (folder / "my_room.yaml").read_bytes()
+    assert scan(folder / "phone" / "room.ply", "-o", folder / "my_room.yaml") == 2
+    assert "add --replace" in capsys.readouterr().err
+    (folder / "own.html").write_text("mine")
+    assert scan(folder / "phone" / "room.ply", "-o", folder / "own.yaml", "--replace") == 2
+    assert "this command has not written it" in capsys.readouterr().err
+    assert (folder / "own.html").read_text() == "mine"
+    assert not (folder / "own.yaml").exists()
+    assert (folder / "my_room.yaml").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["missing.glb"], "does not exist; expected a mesh"),
+        (["notes.txt"], "is no scan; expected a mesh: .glb"),
+        (["broken.glb"], "broken.glb"),
+        (["grey.glb"], "has no colours; expected a texture or vertex colours"),
+        (["room.glb", "--rooms", "cellar"], "unknown room 'cellar'"),
+        (["room.glb", "--rooms", "kitchen,kitchen"], "kitchen is listed twice"),
+        (["room.glb", "--rooms", "kitchen=2,bathroom=2"], "room 2 has two names"),
+        (["room.glb", "--rooms", "kitchen=5"], "found 1 rooms by size"),
+        (["room.glb", "--scale", "0.01"], "expected a floor of at least 2 m²"),
+        (["room.glb", "--up", "x"], "units of the file; expected 1.9 to 4.5 m"),
+        (["room.glb", "--front", "x"], "--front needs --up"),
+        (["room.glb", "--up", "y", "--front", "-y"], "perpendicular"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_one_line_for_what_is_refused(
+    words: list[str], line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_mesh(flat(("living_room",)), tmp_path / "room.glb")
+    write_mesh(flat(("living_room",)), tmp_path / "grey.glb", coloured=False)
+    (tmp_path / "notes.txt").write_text("a room")
+    (tmp_path / "broken.glb").write_bytes((tmp_path / "room.glb").read_bytes()[:1000])
+    assert scan(tmp_path / words[0], *words[1:], "-o", tmp_path / "out.yaml") != 0
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1
+    assert line in said[0]
+    assert not list(tmp_path.glob("out.*")), "something half-written is left"
+
+
+def test_turn_and_scale_count_in_a_digest_only_where_they_are_set() -> None:
+    plain = ScanSpec(source="scan")
+    assert not {"turn", "scale"} & plain.identity().keys()
+    assert ScanSpec(source="scan", turn=3.0).identity()["turn"] == 3.0
+    with pytest.raises(ValueError, match="belong to a scan"):
+        ScanSpec(source="apartment", seed=1, turn=3.0)
+
+
+def test_the_file_is_named_from_where_it_is_looked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    manifest, file = tmp_path / "lab" / "room.yaml", tmp_path / "phone" / "room.glb"
+    monkeypatch.delenv("AVS3D_SCANS", raising=False)
+    assert relative_name(file, manifest) == "../phone/room.glb"
+    monkeypatch.setenv("AVS3D_SCANS", str(tmp_path / "phone"))
+    assert relative_name(file, manifest) == "room.glb"
+    monkeypatch.setenv("AVS3D_SCANS", str(tmp_path / "elsewhere"))
+    assert relative_name(file, manifest) == file.resolve().as_posix()
+
+
+def test_rows_cover_their_cells() -> None:
+    cells = np.array([[0.025, 0.025], [0.025, 0.075], [0.025, 0.175], [0.075, 0.025]])
+    rows = rows_of(cells)
+    assert [(round(r.x, 3), round(r.z, 3), round(r.depth, 3)) for r in rows] == [
+        (0.0, 0.0, 0.1), (0.0, 0.15, 0.05), (0.05, 0.0, 0.05),
+    ]  # fmt: skip
+
+
+def test_directions_are_spread_over_the_sphere() -> None:
+    directions = sphere(4000)
+    assert np.linalg.norm(directions, axis=1) == pytest.approx(np.ones(4000))
+    for axis in range(3):
+        # A cap of 60° from an axis has a quarter of the sphere.
+        assert (directions[:, axis] > 0.5).mean() == pytest.approx(0.25, abs=0.005)
