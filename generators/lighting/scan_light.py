@@ -1,0 +1,289 @@
+"""The light of a scanned room, guessed from its pictures: what shines in it, and how much.
+
+A picture tells the radiance B of a surface up to where it clips: windows and lamps are brighter by a factor that it does
+not show. The other surfaces tell it, because they are lit by them (inverse global illumination: Yu, Debevec, Malik,
+Hawkins, SIGGRAPH 1999; for the lamps of scanned rooms: Zhang, Cohen, Curless, "Emptying, refurnishing, and relighting
+indoor spaces", SIGGRAPH Asia 2016). At a matte surface with albedo ρ::
+
+    B = ρ (E + Σ s_r F_r)
+
+with E the light (irradiance / π) from all that is seen there as the pictures show it, F_r the form factor of the clipped
+region r with what is in its way, and s_r ≥ 0 the radiance that it has beyond the clipping. Two more sources may be
+missing in a scan: what shines through its holes, and lamps below the ceiling that the scanner left out; the first is
+a region of all directions in which rays leave the scan, the second one of all the ceiling. The s_r are those with which
+the albedos are most plausible, in least squares over the logarithms: like surfaces (side, colour) have like albedos, and
+these scatter about the values that are usual indoors (EN 12464-1:2021, section 5.2.3). So the brightness falls off along
+the walls as it does in the pictures, and the energy balance of the room is right even where nothing clips.
+
+The light of the regions is neutral: a phone balances white for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import label
+from scipy.optimize import least_squares
+
+from generators.core.low_discrepancy import PATTERNS, cosine_directions, net
+from generators.core.scene import F32, I32, Mesh, Room, ScanLight, Scene
+from generators.lighting.direct import direct_light
+from generators.lighting.emitters import Emitters, bright_patches, face_areas
+from generators.lighting.gather import hemisphere_rays
+from generators.lighting.lit_scene import CLIPPED, LUMINANCE, LitScene, Unseen, is_clipped
+from generators.lighting.surfaces import LitSurfaces, albedo_at
+
+#: Distance of the points that look for clipped texels, metres, and the most points.
+_SPACING, _MOST_POINTS = 0.02, 400_000
+#: What lies this far round the rooms counts, metres.
+_AROUND = 1.0
+#: Clipped points in voxels of this side (m) that touch are one region. The radiance of the largest ones is sought.
+_REGION, _MOST_REGIONS = 0.15, 12
+#: Sides of the patches on which light is balanced (m), and how many at most.
+_PATCH, _MOST_PATCHES = 0.3, 600
+#: Places on a patch where its light is measured, and the rays of each.
+_PLACES, _RAYS = 4, 64
+#: Usual albedos of what faces down, sideways and up, and the spreads of a kind's mean and of patches about it (natural
+#: logarithms).
+_ALBEDO = (0.7, 0.5, 0.3)
+_KINDS, _WITHIN = 0.4, 0.5
+#: Colours (logarithm of red and blue over green) within steps of this size are of one kind.
+_COLOUR = 0.35
+#: Which part of the way from floor to ceiling is below the ceiling's height.
+_CEILING = 0.8
+#: Eyes per room, and rays from each, that find the surfaces seen in it.
+_EYES, _LOOKS = 16, 2048
+#: Clipped regions that are sampled as emitters near an object.
+_EMITTERS = 16
+
+
+#: What was estimated for the scans that are in memory, with their rooms.
+_known: WeakKeyDictionary[Mesh, tuple[tuple[Room, ...], ScanLight]] = WeakKeyDictionary()
+
+
+def with_scan_light(scene: Scene) -> Scene:
+    """A scan with the light that its pictures do not show; any other scene as it is."""
+    home = tuple(part for part in scene.parts if scene.is_scan(part))
+    if scene.scan_light is not None or not home:
+        return scene
+    known = _known.get(home[0].mesh)
+    if known is None or known[0] != scene.rooms:
+        lit = LitScene.of(tuple(replace(part, light=None) for part in home), [True] * len(home))
+        known = _known[home[0].mesh] = scene.rooms, estimate(lit, scene.rooms)
+    return replace(scene, scan_light=known[1])
+
+
+def emitters_of(light: ScanLight, samples: int, boxes: Sequence[F32]) -> Emitters:
+    """The clipped regions as emitters with ``samples`` targets; of many, those that matter to ``boxes`` (2, 3)."""
+    away = np.full(len(light.position), np.inf)
+    for box in boxes:
+        away = np.minimum(away, np.sum((light.position - box.mean(axis=0)) ** 2, axis=1))
+    worth = (1.0 / (away + 0.1)).astype(np.float32)
+    spread = (light.position, light.normal, light.area, light.radiance)
+    return bright_patches(*spread, samples, importance=worth, most=_EMITTERS)[0]
+
+
+def without_emitters(light: ScanLight, lit: LitScene, scanned: NDArray[np.bool_]) -> LitScene:
+    """``lit``, of which the parts ``scanned`` (P,) are a scan, with its light apart from the clipped regions."""
+    own = scanned[lit.surfaces.part]
+    glow = np.where((own & _is_ceiling(lit.surfaces, light.ceiling))[:, None], light.glow, np.float32(0.0))
+    return replace(lit, unseen=Unseen(own, glow.astype(np.float32), light.beyond))
+
+
+def estimate(lit: LitScene, rooms: tuple[Room, ...]) -> ScanLight:
+    """Estimate the light of a scan.
+
+    Args:
+        lit: the scan alone.
+        rooms: the rooms whose surfaces tell.
+    """
+    surfaces = lit.surfaces
+    position, normal, area = _clipped_points(surfaces, rooms)
+    region = _regions(position, area)
+    ceiling = max((r.low[1] + _CEILING * (r.high[1] - r.low[1]) for r in rooms), default=np.inf)
+    count = min(int(region.max(initial=-1)) + 1, _MOST_REGIONS)
+    nothing = np.zeros(3, dtype=np.float32)
+    dark = Unseen(np.ones(len(surfaces.triangles), dtype=bool), np.zeros_like(surfaces.face_normal), nothing)
+    patches = _seen_patches(lit, rooms)
+    shown = np.full(3, CLIPPED, dtype=np.float32)
+    radiance = np.tile(shown, (len(position), 1))
+    if not len(patches.position):
+        return ScanLight(position, normal, area, radiance, nothing, ceiling, nothing)
+    around, overhead, outside = _gathered(replace(lit, unseen=dark), patches, ceiling)
+    factors = [_form_factors(lit, patches, position, normal, area, region == r) for r in range(count)]
+    rest = _form_factors(lit, patches, position, normal, area, region >= count)
+    factors += [overhead, outside]
+    shares = np.stack(factors, axis=1)
+    base = around + CLIPPED * (shares[:, :count].sum(axis=1) + rest)
+    power = _balanced(patches, base, shares)
+    for r in range(count):
+        radiance[region == r] += np.float32(power[r])
+    glow, beyond = (np.full(3, power[k], dtype=np.float32) for k in (count, count + 1))
+    return ScanLight(position, normal, area, radiance, beyond, ceiling, glow)
+
+
+def _is_ceiling(surfaces: LitSurfaces, height: float) -> NDArray[np.bool_]:
+    """(F,) which faces look down and lie above ``height``."""
+    return np.asarray((surfaces.face_normal[:, 1] < -0.7) & (surfaces.triangles[:, :, 1].min(axis=1) > height))
+
+
+def _near_rooms(points: F32, rooms: tuple[Room, ...], margin: float) -> NDArray[np.bool_]:
+    """(N,) which points lie in a room or ``margin`` around it."""
+    near = np.zeros(len(points), dtype=bool)
+    for room in rooms:
+        near |= np.all((points > np.array(room.low) - margin) & (points < np.array(room.high) + margin), axis=1)
+    return near
+
+
+def _clipped_points(surfaces: LitSurfaces, rooms: tuple[Room, ...]) -> tuple[F32, F32, F32]:
+    """Points (N, 3) spread evenly over the clipped texels in and around the rooms, their normals and areas (N,)."""
+    corners = surfaces.triangles
+    near = np.flatnonzero(_near_rooms(corners.mean(axis=1), rooms, _AROUND))
+    share = np.cumsum(face_areas(corners[near]))
+    whole = float(share[-1]) if len(near) else 0.0
+    count = int(min(whole / _SPACING**2, _MOST_POINTS))
+    if count == 0:
+        return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
+    at = (np.arange(count) + 0.5) / count * whole
+    face = near[np.minimum(np.searchsorted(share, at), len(near) - 1)].astype(np.int32)
+    s, t = net(count).T
+    root = np.sqrt(s)
+    v, w = (root * (1 - t)).astype(np.float32), (root * t).astype(np.float32)
+    kept = is_clipped(albedo_at(surfaces, face, v, w))
+    face, v, w = face[kept], v[kept, None], w[kept, None]
+    position = (1 - v - w) * corners[face, 0] + v * corners[face, 1] + w * corners[face, 2]
+    return position, surfaces.face_normal[face], np.full(len(face), whole / count, dtype=np.float32)
+
+
+def _regions(position: F32, area: F32) -> NDArray[np.int64]:
+    """(N,) the region of each point, the largest first."""
+    if not len(position):
+        return np.zeros(0, dtype=np.int64)
+    voxel = np.floor(position / _REGION).astype(np.int64)
+    voxel -= voxel.min(axis=0)
+    grid = np.zeros(voxel.max(axis=0) + 1, dtype=bool)
+    grid[tuple(voxel.T)] = True
+    region = label(grid, structure=np.ones((3, 3, 3)))[0][tuple(voxel.T)] - 1
+    order = np.argsort(-np.bincount(region, weights=area), kind="stable")
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return np.asarray(rank[region], dtype=np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class _Patches:
+    """Pieces of surface with places on each.
+
+    Attributes:
+        position: (P, n, 3) places, a little above the surface.
+        normal: (P, n, 3).
+        radiance: (P, 3) mean.
+        weight: (P,) how many rays met it.
+    """
+
+    position: F32
+    normal: F32
+    radiance: F32
+    weight: NDArray[np.float64]
+
+
+def _seen_patches(lit: LitScene, rooms: tuple[Room, ...]) -> _Patches:
+    """Surfaces that are seen in the rooms and not clipped."""
+    around = cosine_directions(_LOOKS // PATTERNS // 2).reshape(-1, 3)
+    sphere = np.concatenate([around, -around])
+    share = np.concatenate([net(_EYES), (np.arange(_EYES)[:, None] * 0.618) % 0.6 + 0.2], axis=1)[:, [0, 2, 1]]
+    share[:, [0, 2]] = 0.1 + 0.8 * share[:, [0, 2]]
+    eyes = [np.array(r.low) + share * (np.array(r.high) - np.array(r.low)) for r in rooms]
+    origins = np.repeat(np.concatenate(eyes), len(sphere), axis=0).astype(np.float32)
+    directions = np.tile(sphere, (_EYES * len(rooms), 1)).astype(np.float32)
+    hits = lit.tracer.intersect(origins, directions)
+    face = hits["primID"]
+    radiance = albedo_at(lit.surfaces, face, hits["u"], hits["v"])
+    position = origins + directions * hits["tfar"][:, None]
+    kept = lit.front(hits, directions) & ~is_clipped(radiance) & (radiance @ LUMINANCE > 0)
+    kept &= _near_rooms(position, rooms, 0.3)
+    position, normal, radiance = position[kept], lit.surfaces.face_normal[face[kept]], radiance[kept]
+    axis = np.argmax(np.abs(normal), axis=1)
+    facing = axis * 2 + (np.take_along_axis(normal, axis[:, None], axis=1)[:, 0] > 0)
+    key = np.column_stack([np.floor(position / _PATCH).astype(np.int64), facing])
+    _, patch, count = np.unique(key, axis=0, return_inverse=True, return_counts=True)
+    patch = patch.reshape(-1)
+    largest = np.sort(np.argsort(-count, kind="stable")[:_MOST_PATCHES])
+    order = np.argsort(patch, kind="stable")
+    start = np.concatenate([[0], np.cumsum(count)])
+    pick = np.linspace(0.0, 1.0, _PLACES, endpoint=False)[None] + 0.5 / _PLACES
+    place = order[start[largest][:, None] + (pick * count[largest][:, None]).astype(np.int64)]
+    mean = np.stack([np.bincount(patch, radiance[:, c]) for c in range(3)], axis=1) / count[:, None]
+    above = position[place] + np.float32(0.01) * normal[place]
+    return _Patches(above, normal[place], mean[largest].astype(np.float32), count[largest].astype(np.float64))
+
+
+def _gathered(lit: LitScene, patches: _Patches, ceiling: float) -> tuple[NDArray[np.float64], ...]:
+    """Of each patch: its light (luminance), and the shares of its view that the ceiling and the outside have."""
+    position, normal = patches.position.reshape(-1, 3), patches.normal.reshape(-1, 3)
+    pattern = (np.arange(len(position)) % PATTERNS).astype(np.int32)
+    origins, directions = hemisphere_rays(position, normal, normal, pattern, cosine_directions(_RAYS))
+    hits = lit.tracer.intersect(origins, directions)
+    face: I32 = hits["primID"]
+    radiance = lit.reflected(face, hits["u"], hits["v"]) @ LUMINANCE
+    overhead = _is_ceiling(lit.surfaces, ceiling)[np.maximum(face, 0)] & (face >= 0)
+    of_patch = (len(patches.position), -1)
+    return tuple(values.reshape(of_patch).mean(axis=1, dtype=np.float64) for values in (radiance, overhead, face < 0))
+
+
+def _form_factors(
+    lit: LitScene, patches: _Patches, position: F32, normal: F32, area: F32, own: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """(P,) mean visible form factor of the clipped points ``own`` at each patch."""
+    count = len(patches.position)
+    if not own.any():
+        return np.zeros(count)
+    white = np.ones((int(own.sum()), 3), dtype=np.float32)
+    emitters, _ = bright_patches(position[own], normal[own], area[own], white, 16)
+    places, facing = patches.position.reshape(-1, 3), patches.normal.reshape(-1, 3)
+    pattern = (np.arange(len(places)) % PATTERNS).astype(np.int32)
+    reach = np.ones((len(places), len(emitters)), dtype=bool)
+    gloss = np.zeros(len(places), dtype=np.float32)
+    light, _ = direct_light(emitters, reach, pattern, places, facing, gloss, lit.tracer.occluded)
+    return np.asarray(light[:, 0].reshape(count, -1).mean(axis=1, dtype=np.float64))
+
+
+def _kinds(patches: _Patches) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(P,) the kind of each patch (side and colour), and its side: 0 faces down, 1 sideways, 2 up."""
+    height = patches.normal[:, 0, 1]
+    side = np.where(height < -0.7, 0, np.where(height > 0.7, 2, 1))
+    ratio = np.log(np.maximum(patches.radiance, 1e-4))
+    tint = np.round((ratio[:, [0, 2]] - ratio[:, [1]]) / _COLOUR).astype(np.int64)
+    kind = np.unique(np.column_stack([side, tint]), axis=0, return_inverse=True)[1]
+    return np.asarray(kind.reshape(-1), dtype=np.int64), side
+
+
+def _balanced(patches: _Patches, base: NDArray[np.float64], shares: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(R,) radiance of what the pictures do not show, ≥ 0, with which the albedos are most plausible.
+
+    Args:
+        patches: the surfaces.
+        base: (P,) their light from what is shown.
+        shares: (P, R) form factors of the rest.
+    """
+    kind, side = _kinds(patches)
+    seen = np.log(np.maximum(patches.radiance @ LUMINANCE, 1e-3))
+    weight = patches.weight / patches.weight.mean() / _WITHIN**2
+    usual = np.zeros(int(kind.max()) + 1)
+    usual[kind] = np.log(np.array(_ALBEDO))[side]
+
+    def residuals(power: NDArray[np.float64]) -> NDArray[np.float64]:
+        albedo = seen - np.log(np.maximum(base + shares @ power, 1e-4))
+        # The best mean of each kind has a closed form (variable projection).
+        mean = np.bincount(kind, weight * albedo) + usual / _KINDS**2
+        mean /= np.bincount(kind, weight) + 1.0 / _KINDS**2
+        return np.concatenate([np.sqrt(weight) * (albedo - mean[kind]), (mean - usual) / _KINDS])
+
+    first = np.full(shares.shape[1], CLIPPED)
+    found = least_squares(residuals, first, bounds=(0.0, np.inf), loss="soft_l1")
+    # The last digits depend on how many threads the linear algebra has.
+    return np.array([float(f"{value:.3g}") if value > 1e-3 else 0.0 for value in found.x])
