@@ -51,6 +51,8 @@ _PLACES, _RAYS = 4, 64
 #: logarithms).
 _ALBEDO = (0.7, 0.5, 0.3)
 _KINDS, _WITHIN = 0.4, 0.5
+#: By how much a clipped region is usually brighter than the end of the range, and the spread of that (natural logarithms).
+_BRIGHTER, _BRIGHTNESS = 1.6, 1.2
 #: Colours (logarithm of red and blue over green) within steps of this size are of one kind.
 _COLOUR = 0.35
 #: Which part of the way from floor to ceiling is below the ceiling's height.
@@ -276,14 +278,22 @@ def _balanced(patches: _Patches, base: NDArray[np.float64], shares: NDArray[np.f
     usual = np.zeros(int(kind.max()) + 1)
     usual[kind] = np.log(np.array(_ALBEDO))[side]
 
-    def residuals(power: NDArray[np.float64]) -> NDArray[np.float64]:
+    clips = shares.shape[1] - 2
+
+    def power_of(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.concatenate([CLIPPED * np.expm1(unknown[:clips]), unknown[clips:]])
+
+    def residuals(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
+        power = power_of(unknown)
         albedo = seen - np.log(np.maximum(base + shares @ power, 1e-4))
         # The best mean of each kind has a closed form (variable projection).
         mean = np.bincount(kind, weight * albedo) + usual / _KINDS**2
         mean /= np.bincount(kind, weight) + 1.0 / _KINDS**2
-        return np.concatenate([np.sqrt(weight) * (albedo - mean[kind]), (mean - usual) / _KINDS])
+        off = (unknown[:clips] - _BRIGHTER) / _BRIGHTNESS
+        return np.concatenate([np.sqrt(weight) * (albedo - mean[kind]), (mean - usual) / _KINDS, off])
 
-    first = np.full(shares.shape[1], CLIPPED)
-    found = least_squares(residuals, first, bounds=(0.0, np.inf), loss="soft_l1")
+    first = np.concatenate([np.full(clips, _BRIGHTER), np.full(2, 0.1)])
+    most = np.concatenate([np.full(clips, 8.0), np.full(2, np.inf)])
+    found = least_squares(residuals, first, bounds=(0.0, most), loss="soft_l1")
     # The last digits depend on how many threads the linear algebra has.
-    return np.array([float(f"{value:.3g}") if value > 1e-3 else 0.0 for value in found.x])
+    return np.array([float(f"{value:.3g}") if value > 1e-3 else 0.0 for value in power_of(found.x)])
