@@ -1,19 +1,20 @@
 """The light of a scanned room, guessed from its pictures: what shines in it, and how much.
 
-A picture tells the radiance B of a surface up to where it clips: windows and lamps are brighter by a factor that it does
-not show. The other surfaces tell it, because they are lit by them (inverse global illumination: Yu, Debevec, Malik,
-Hawkins, SIGGRAPH 1999; for the lamps of scanned rooms: Zhang, Cohen, Curless, "Emptying, refurnishing, and relighting
-indoor spaces", SIGGRAPH Asia 2016). At a matte surface with albedo ρ::
+A picture tells the radiance B of a surface up to where it clips: windows and lamps are brighter by a factor that it
+does not show. The other surfaces tell it, because they are lit by them (inverse global illumination: Yu, Debevec,
+Malik, Hawkins, SIGGRAPH 1999; for the lamps of scanned rooms: Zhang, Cohen, Curless, "Emptying, Refurnishing, and
+Relighting Indoor Spaces", SIGGRAPH Asia 2016). At a matte surface with albedo ρ::
 
     B = ρ (E + Σ s_r F_r)
 
-with E the light (irradiance / π) from all that is seen there as the pictures show it, F_r the form factor of the clipped
-region r with what is in its way, and s_r ≥ 0 the radiance that it has beyond the clipping. Two more sources may be
-missing in a scan: what shines through its holes, and lamps below the ceiling that the scanner left out; the first is
+with E the light (irradiance / π) from all that is seen there as the pictures show it, F_r the form factor of the
+clipped region r with what is in its way, and s_r ≥ 0 the radiance that it has beyond the clipping. Two more sources may
+be missing in a scan: what shines through its holes, and lamps below the ceiling that the scanner left out; the first is
 a region of all directions in which rays leave the scan, the second one of all the ceiling. The s_r are those with which
-the albedos are most plausible, in least squares over the logarithms: like surfaces (side, colour) have like albedos, and
-these scatter about the values that are usual indoors (EN 12464-1:2021, section 5.2.3). So the brightness falls off along
-the walls as it does in the pictures, and the energy balance of the room is right even where nothing clips.
+the albedos are most plausible, in least squares over the logarithms: surfaces that are alike (side, colour) have like
+albedos, and these scatter about the values that are usual indoors (EN 12464-1:2021 recommends 0.7–0.9 for ceilings,
+0.5–0.8 for walls, 0.2–0.6 for floors; with furniture they are lower). So the brightness falls off along the walls as it
+does in the pictures, and the energy balance of the room is right even where nothing clips.
 
 The light of the regions is neutral: a phone balances white for it.
 """
@@ -42,7 +43,7 @@ _SPACING, _MOST_POINTS = 0.02, 400_000
 #: What lies this far round the rooms counts, metres.
 _AROUND = 1.0
 #: Clipped points in voxels of this side (m) that touch are one region. The radiance of the largest ones is sought.
-_REGION, _MOST_REGIONS = 0.15, 12
+_REGION, _MOST_REGIONS = 0.15, 24
 #: Sides of the patches on which light is balanced (m), and how many at most.
 _PATCH, _MOST_PATCHES = 0.3, 600
 #: Places on a patch where its light is measured, and the rays of each.
@@ -51,7 +52,8 @@ _PLACES, _RAYS = 4, 64
 #: logarithms).
 _ALBEDO = (0.7, 0.5, 0.3)
 _KINDS, _WITHIN = 0.4, 0.5
-#: By how much a clipped region is usually brighter than the end of the range, and the spread of that (natural logarithms).
+#: By how much a clipped region is usually brighter than the end of the range, and the spread of that (natural
+#: logarithms).
 _BRIGHTER, _BRIGHTNESS = 1.6, 1.2
 #: Colours (logarithm of red and blue over green) within steps of this size are of one kind.
 _COLOUR = 0.35
@@ -101,9 +103,13 @@ def estimate(lit: LitScene, rooms: tuple[Room, ...]) -> ScanLight:
 
     Args:
         lit: the scan alone.
-        rooms: the rooms whose surfaces tell.
+        rooms: the rooms whose surfaces tell; without any, all of the scan.
     """
     surfaces = lit.surfaces
+    if not rooms:
+        corners = surfaces.triangles.reshape(-1, 3)
+        low, high = (tuple(float(c) for c in end) for end in (corners.min(axis=0), corners.max(axis=0)))
+        rooms = (Room("scan", low, high),)  # type: ignore[arg-type]
     position, normal, area = _clipped_points(surfaces, rooms)
     region = _regions(position, area)
     ceiling = max((r.low[1] + _CEILING * (r.high[1] - r.low[1]) for r in rooms), default=np.inf)
