@@ -213,10 +213,12 @@ class ScanLight:
     """The light of a scan that its pictures do not show (generators/lighting/scan_light.py estimates it).
 
     Attributes:
-        position: (N, 3) float32 points that are spread over the clipped texels: windows and lamps.
+        position: (N, 3) float32 points that are spread over what shines: the brightest texels (lamps, windows), and holes
+            in walls (windows, whose glass scanners do not see).
         normal: (N, 3) float32.
         area: (N,) float32 that each stands for, square metres.
-        radiance: (N, 3) float32 with what is beyond the clipping.
+        radiance: (N, 3) float32 with what the pictures do not show of it.
+        limit: radiance of its brightest channel from which a texel belongs to what shines.
         beyond: (3,) float32 radiance from where rays leave the scan.
         ceiling: height (world Y, metres) from which on faces that look down belong to the ceiling.
         glow: (3,) float32 radiance that the ceiling has beyond what is shown of it.
@@ -226,6 +228,7 @@ class ScanLight:
     normal: F32
     area: F32
     radiance: F32
+    limit: float
     beyond: F32
     ceiling: float
     glow: F32

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from generators.core.rays import Tracer
 from generators.core.scene import F32, I32, Part
-from generators.core.tone import inverse_tone_curve, srgb_decode
+from generators.core.tone import inverse_tone_curve
 from generators.lighting.gather import cells_at
 from generators.lighting.surfaces import TEXTURE_LIMIT, LitSurfaces, albedo_at
 from generators.lighting.texels import Sheet
@@ -21,10 +21,8 @@ from generators.lighting.unwrap import LightMapLayout
 _LIT_TEXTURE_LIMIT = 1024
 #: Where a ray leaves the scene, in place of a face (-1: it meets something else).
 OUTSIDE = -2
-#: A texel of a scan may be clipped from this radiance of its brightest channel on (sRGB 250 of 255: JPEG and resampling
-#: blur the end of the range).
-CLIPPED = float(inverse_tone_curve(srgb_decode(250 / 255)))
-#: The dimmest luminance of a clipped texel, relative to that: a red thing may clip in one channel and not shine.
+#: The dimmest luminance of a texel that shines, relative to the limit of its brightest channel: a red thing may clip in
+#: one channel and not shine.
 _WHITISH = 0.35
 #: Luminance of linear sRGB (IEC 61966-2-1).
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
@@ -35,12 +33,14 @@ class Unseen:
     """Light in a scan that its pictures do not show.
 
     Attributes:
-        scanned: (F,) which faces show pictures; where these clip, an emitter stands for them, and they reflect nothing.
+        scanned: (F,) which faces show pictures.
+        limit: radiance from which an emitter stands for what they show, and they reflect nothing (see `is_bright`).
         glow: (F, 3) float32 radiance in addition to what is shown.
         beyond: (3,) float32 radiance from where rays leave the scan.
     """
 
     scanned: NDArray[np.bool_]
+    limit: float
     glow: F32
     beyond: F32
 
@@ -102,7 +102,7 @@ class LitScene:
         unseen = self.unseen
         if unseen is not None:
             met = np.maximum(face, 0)
-            shines = unseen.scanned[met] & is_clipped(radiance)
+            shines = unseen.scanned[met] & is_bright(radiance, unseen.limit)
             radiance = np.where(shines[:, None], np.float32(0.0), radiance * self.light[np.maximum(cells, 0)])
             radiance += np.where((face >= 0)[:, None], unseen.glow[met], np.float32(0.0))
             radiance[face == OUTSIDE] = unseen.beyond
@@ -122,9 +122,9 @@ class LitScene:
         return np.asarray((face >= 0) & facing)
 
 
-def is_clipped(radiance: F32) -> NDArray[np.bool_]:
-    """(N,) whether texels of a scan, of radiance (N, 3), may be clipped."""
-    return np.asarray((radiance.max(axis=1) >= CLIPPED) & (radiance @ LUMINANCE >= _WHITISH * CLIPPED))
+def is_bright(radiance: F32, limit: float) -> NDArray[np.bool_]:
+    """(N,) whether texels of a scan, of radiance (N, 3), reach ``limit`` in a channel and are whitish."""
+    return np.asarray((radiance.max(axis=1) >= limit) & (radiance @ LUMINANCE >= _WHITISH * limit))
 
 
 def _undeveloped(surfaces: LitSurfaces, scanned: NDArray[np.bool_]) -> LitSurfaces:

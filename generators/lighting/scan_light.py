@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -32,17 +33,25 @@ from scipy.optimize import least_squares
 
 from generators.core.low_discrepancy import PATTERNS, cosine_directions, net
 from generators.core.scene import F32, I32, Mesh, Room, ScanLight, Scene
+from generators.core.tone import inverse_tone_curve, srgb_decode
 from generators.lighting.direct import direct_light
 from generators.lighting.emitters import Emitters, bright_patches, face_areas
 from generators.lighting.gather import hemisphere_rays
-from generators.lighting.lit_scene import CLIPPED, LUMINANCE, LitScene, Unseen, is_clipped
+from generators.lighting.lit_scene import LUMINANCE, LitScene, Unseen, is_bright
 from generators.lighting.surfaces import LitSurfaces, albedo_at
 
+#: Radiance from which a texel may be clipped: sRGB 250 of 255, for JPEG and resampling blur the end of the range.
+CLIPPED = float(inverse_tone_curve(srgb_decode(250 / 255)))
+#: Where less than this part of the surfaces clips, the brightest ones down to this radiance (sRGB 225) may shine:
+#: pictures of several exposures were blended.
+_SHINING, _LEAST = 0.005, float(inverse_tone_curve(srgb_decode(225 / 255)))
+#: Cells of the walls (m) that may be holes, and the smallest hole that may be a window (m²).
+_CELL, _WINDOW = 0.15, 0.1
 #: Distance of the points that look for clipped texels, metres, and the most points.
 _SPACING, _MOST_POINTS = 0.02, 400_000
 #: What lies this far round the rooms counts, metres.
 _AROUND = 1.0
-#: Clipped points in voxels of this side (m) that touch are one region. The radiance of the largest ones is sought.
+#: Bright points in voxels of this side (m) that touch are one region. The radiance of the largest ones is sought.
 _REGION, _MOST_REGIONS = 0.15, 24
 #: Sides of the patches on which light is balanced (m), and how many at most.
 _PATCH, _MOST_PATCHES = 0.3, 600
@@ -65,6 +74,8 @@ _EYES, _LOOKS = 16, 2048
 _EMITTERS = 16
 
 
+_NONE = np.zeros((0, 3), dtype=np.float32)
+
 #: What was estimated for the scans that are in memory, with their rooms.
 _known: WeakKeyDictionary[Mesh, tuple[tuple[Room, ...], ScanLight]] = WeakKeyDictionary()
 
@@ -82,7 +93,7 @@ def with_scan_light(scene: Scene) -> Scene:
 
 
 def emitters_of(light: ScanLight, samples: int, boxes: Sequence[F32]) -> Emitters:
-    """The clipped regions as emitters with ``samples`` targets; of many, those that matter to ``boxes`` (2, 3)."""
+    """What shines as emitters with ``samples`` targets; of many, those that matter to ``boxes`` (2, 3)."""
     away = np.full(len(light.position), np.inf)
     for box in boxes:
         away = np.minimum(away, np.sum((light.position - box.mean(axis=0)) ** 2, axis=1))
@@ -92,10 +103,10 @@ def emitters_of(light: ScanLight, samples: int, boxes: Sequence[F32]) -> Emitter
 
 
 def without_emitters(light: ScanLight, lit: LitScene, scanned: NDArray[np.bool_]) -> LitScene:
-    """``lit``, of which the parts ``scanned`` (P,) are a scan, with its light apart from the clipped regions."""
+    """``lit``, of which the parts ``scanned`` (P,) are a scan, with its light apart from what shines."""
     own = scanned[lit.surfaces.part]
     glow = np.where((own & _is_ceiling(lit.surfaces, light.ceiling))[:, None], light.glow, np.float32(0.0))
-    return replace(lit, unseen=Unseen(own, glow.astype(np.float32), light.beyond))
+    return replace(lit, unseen=Unseen(own, light.limit, glow.astype(np.float32), light.beyond))
 
 
 def estimate(lit: LitScene, rooms: tuple[Room, ...]) -> ScanLight:
@@ -110,28 +121,118 @@ def estimate(lit: LitScene, rooms: tuple[Room, ...]) -> ScanLight:
         corners = surfaces.triangles.reshape(-1, 3)
         low, high = (tuple(float(c) for c in end) for end in (corners.min(axis=0), corners.max(axis=0)))
         rooms = (Room("scan", low, high),)  # type: ignore[arg-type]
-    position, normal, area = _clipped_points(surfaces, rooms)
-    region = _regions(position, area)
-    ceiling = max((r.low[1] + _CEILING * (r.high[1] - r.low[1]) for r in rooms), default=np.inf)
-    count = min(int(region.max(initial=-1)) + 1, _MOST_REGIONS)
-    nothing = np.zeros(3, dtype=np.float32)
-    dark = Unseen(np.ones(len(surfaces.triangles), dtype=bool), np.zeros_like(surfaces.face_normal), nothing)
-    patches = _seen_patches(lit, rooms)
-    shown = np.full(3, CLIPPED, dtype=np.float32)
-    radiance = np.tile(shown, (len(position), 1))
-    if not len(patches.position):
-        return ScanLight(position, normal, area, radiance, nothing, ceiling, nothing)
-    around, overhead, outside = _gathered(replace(lit, unseen=dark), patches, ceiling)
-    factors = [_form_factors(lit, patches, position, normal, area, region == r) for r in range(count)]
-    rest = _form_factors(lit, patches, position, normal, area, region >= count)
-    factors += [overhead, outside]
-    shares = np.stack(factors, axis=1)
-    base = around + CLIPPED * (shares[:, :count].sum(axis=1) + rest)
-    power = _balanced(patches, base, shares)
-    for r in range(count):
-        radiance[region == r] += np.float32(power[r])
-    glow, beyond = (np.full(3, power[k], dtype=np.float32) for k in (count, count + 1))
-    return ScanLight(position, normal, area, radiance, beyond, ceiling, glow)
+    looks = _look_around(lit, rooms)
+    limit, shining = _bright_points(surfaces, rooms)
+    regions = [*shining, *_openings(looks, rooms)][:_MOST_REGIONS]
+    position, normal = (
+        np.concatenate([getattr(r, name) for r in regions] or [_NONE]) for name in ("position", "normal")
+    )
+    area = np.concatenate([r.area for r in regions] or [_NONE[:, 0]])
+    ceiling = max(r.low[1] + _CEILING * (r.high[1] - r.low[1]) for r in rooms)
+    black, nothing = np.zeros_like(surfaces.face_normal), np.zeros(3, dtype=np.float32)
+    patches = _seen_patches(lit, looks, limit)
+    power = np.zeros(len(regions) + 2)
+    shown = np.array([r.shown for r in regions] + [0.0, 0.0])
+    if len(patches.position):
+        dark = Unseen(np.ones(len(black), dtype=bool), limit, black, nothing)
+        around, overhead, outside = _gathered(replace(lit, unseen=dark), patches, ceiling)
+        shares = np.stack([*(_form_factors(lit, patches, r) for r in regions), overhead, outside], axis=1)
+        power = _balanced(patches, around + shares @ shown, shares)
+    total = (power + shown)[: len(regions)]
+    radiance = np.repeat(total, [len(r.position) for r in regions])[:, None] * np.ones(3)
+    glow, beyond = (np.full(3, power[k], dtype=np.float32) for k in (-2, -1))
+    return ScanLight(position, normal, area, radiance.astype(np.float32), limit, beyond, ceiling, glow)
+
+
+@dataclass(frozen=True, eq=False)
+class _Region:
+    """Something that shines: points spread over it.
+
+    Attributes:
+        position: (n, 3).
+        normal: (n, 3).
+        area: (n,) that each stands for, square metres.
+        shown: radiance that the pictures show of it.
+    """
+
+    position: F32
+    normal: F32
+    area: F32
+    shown: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Looks:
+    """Rays from eyes in the rooms.
+
+    Attributes:
+        room: (N,) the room of each.
+        origins: (N, 3).
+        directions: (N, 3).
+        hits: what they meet.
+    """
+
+    room: NDArray[np.int64]
+    origins: F32
+    directions: F32
+    hits: dict[str, Any]
+
+
+def _look_around(lit: LitScene, rooms: tuple[Room, ...]) -> _Looks:
+    around = cosine_directions(_LOOKS // PATTERNS // 2).reshape(-1, 3)
+    sphere = np.concatenate([around, -around])
+    share = 0.1 + 0.8 * net(_EYES)
+    height = 0.2 + 0.6 * (np.arange(_EYES) + 0.5) / _EYES
+    share = np.stack([share[:, 0], height, share[:, 1]], axis=1)
+    eyes = np.concatenate([np.array(r.low) + share * (np.array(r.high) - np.array(r.low)) for r in rooms])
+    origins = np.repeat(eyes, len(sphere), axis=0).astype(np.float32)
+    directions = np.tile(sphere, (len(eyes), 1)).astype(np.float32)
+    room = np.repeat(np.arange(len(rooms)), _EYES * len(sphere))
+    return _Looks(room, origins, directions, lit.tracer.intersect(origins, directions))
+
+
+def _openings(looks: _Looks, rooms: tuple[Room, ...]) -> list[_Region]:
+    """Holes in the walls of the rooms through which one looks out of the scan: windows, as far as they shine."""
+    found: list[_Region] = []
+    for number, room in enumerate(rooms):
+        own = looks.room == number
+        origins, directions = looks.origins[own].astype(np.float64), looks.directions[own].astype(np.float64)
+        leaves = looks.hits["primID"][own] < 0
+        low, high = np.array(room.low), np.array(room.high)
+        ahead = np.where(directions > 0, high - origins, low - origins) / np.where(directions == 0, 1e-12, directions)
+        axis = np.argmin(ahead, axis=1)
+        wall = axis * 2 + (np.take_along_axis(directions, axis[:, None], axis=1)[:, 0] > 0)
+        at = origins + directions * ahead.min(axis=1)[:, None]
+        for which in (0, 1, 4, 5):
+            here = wall == which
+            found += _openings_in(room, which, at[here], leaves[here])
+    return sorted(found, key=lambda region: -len(region.position))
+
+
+def _openings_in(room: Room, wall: int, at: NDArray[np.float64], leaves: NDArray[np.bool_]) -> list[_Region]:
+    """Holes in one wall (2 · axis + 1 for the far one), which rays cross at points (N, 3) and some of them leave."""
+    low, high = np.array(room.low), np.array(room.high)
+    axis, far = divmod(wall, 2)
+    along = [2 - axis, 1]
+    size = np.maximum(np.ceil((high - low)[along] / _CELL).astype(np.int64), 1)
+    cell = np.clip(((at[:, along] - low[along]) / _CELL).astype(np.int64), 0, size - 1)
+    flat = cell[:, 0] * size[1] + cell[:, 1]
+    every = np.bincount(flat, minlength=int(size.prod()))
+    out = np.bincount(flat, leaves, minlength=int(size.prod()))
+    pieces, count = label(((out > 0.5 * every) & (every > 2)).reshape(size))
+    found = []
+    for piece in range(1, count + 1):
+        cells = np.argwhere(pieces == piece)
+        if len(cells) * _CELL**2 < _WINDOW:
+            continue
+        inner = (cells[:, None] + np.array([[0.25, 0.25], [0.25, 0.75], [0.75, 0.25], [0.75, 0.75]])) * _CELL
+        position = np.empty((4 * len(cells), 3), dtype=np.float32)
+        position[:, along] = inner.reshape(-1, 2) + low[along]
+        position[:, axis] = (low, high)[far][axis]
+        normal = np.zeros_like(position)
+        normal[:, axis] = 1 - 2 * far
+        found.append(_Region(position, normal, np.full(len(position), _CELL**2 / 4, dtype=np.float32), 0.0))
+    return found
 
 
 def _is_ceiling(surfaces: LitSurfaces, height: float) -> NDArray[np.bool_]:
@@ -147,27 +248,34 @@ def _near_rooms(points: F32, rooms: tuple[Room, ...], margin: float) -> NDArray[
     return near
 
 
-def _clipped_points(surfaces: LitSurfaces, rooms: tuple[Room, ...]) -> tuple[F32, F32, F32]:
-    """Points (N, 3) spread evenly over the clipped texels in and around the rooms, their normals and areas (N,)."""
+def _bright_points(surfaces: LitSurfaces, rooms: tuple[Room, ...]) -> tuple[float, list[_Region]]:
+    """The limit from which texels in and around the rooms shine, and the regions of those, the largest first."""
     corners = surfaces.triangles
     near = np.flatnonzero(_near_rooms(corners.mean(axis=1), rooms, _AROUND))
     share = np.cumsum(face_areas(corners[near]))
     whole = float(share[-1]) if len(near) else 0.0
     count = int(min(whole / _SPACING**2, _MOST_POINTS))
     if count == 0:
-        return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
+        return CLIPPED, []
     at = (np.arange(count) + 0.5) / count * whole
     face = near[np.minimum(np.searchsorted(share, at), len(near) - 1)].astype(np.int32)
     s, t = net(count).T
     root = np.sqrt(s)
     v, w = (root * (1 - t)).astype(np.float32), (root * t).astype(np.float32)
-    kept = is_clipped(albedo_at(surfaces, face, v, w))
+    radiance = albedo_at(surfaces, face, v, w)
+    limit = float(np.clip(np.quantile(radiance.max(axis=1), 1 - _SHINING), _LEAST, CLIPPED))
+    kept = is_bright(radiance, limit)
     face, v, w = face[kept], v[kept, None], w[kept, None]
     position = (1 - v - w) * corners[face, 0] + v * corners[face, 1] + w * corners[face, 2]
-    return position, surfaces.face_normal[face], np.full(len(face), whole / count, dtype=np.float32)
+    area = np.full(len(face), whole / count, dtype=np.float32)
+    region = _regions(position)
+    return limit, [
+        _Region(position[own], surfaces.face_normal[face[own]], area[own], limit)
+        for own in (region == number for number in range(int(region.max(initial=-1)) + 1))
+    ]
 
 
-def _regions(position: F32, area: F32) -> NDArray[np.int64]:
+def _regions(position: F32) -> NDArray[np.int64]:
     """(N,) the region of each point, the largest first."""
     if not len(position):
         return np.zeros(0, dtype=np.int64)
@@ -176,7 +284,7 @@ def _regions(position: F32, area: F32) -> NDArray[np.int64]:
     grid = np.zeros(voxel.max(axis=0) + 1, dtype=bool)
     grid[tuple(voxel.T)] = True
     region = label(grid, structure=np.ones((3, 3, 3)))[0][tuple(voxel.T)] - 1
-    order = np.argsort(-np.bincount(region, weights=area), kind="stable")
+    order = np.argsort(-np.bincount(region), kind="stable")
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     return np.asarray(rank[region], dtype=np.int64)
@@ -199,21 +307,12 @@ class _Patches:
     weight: NDArray[np.float64]
 
 
-def _seen_patches(lit: LitScene, rooms: tuple[Room, ...]) -> _Patches:
-    """Surfaces that are seen in the rooms and not clipped."""
-    around = cosine_directions(_LOOKS // PATTERNS // 2).reshape(-1, 3)
-    sphere = np.concatenate([around, -around])
-    share = np.concatenate([net(_EYES), (np.arange(_EYES)[:, None] * 0.618) % 0.6 + 0.2], axis=1)[:, [0, 2, 1]]
-    share[:, [0, 2]] = 0.1 + 0.8 * share[:, [0, 2]]
-    eyes = [np.array(r.low) + share * (np.array(r.high) - np.array(r.low)) for r in rooms]
-    origins = np.repeat(np.concatenate(eyes), len(sphere), axis=0).astype(np.float32)
-    directions = np.tile(sphere, (_EYES * len(rooms), 1)).astype(np.float32)
-    hits = lit.tracer.intersect(origins, directions)
-    face = hits["primID"]
-    radiance = albedo_at(lit.surfaces, face, hits["u"], hits["v"])
-    position = origins + directions * hits["tfar"][:, None]
-    kept = lit.front(hits, directions) & ~is_clipped(radiance) & (radiance @ LUMINANCE > 0)
-    kept &= _near_rooms(position, rooms, 0.3)
+def _seen_patches(lit: LitScene, looks: _Looks, limit: float) -> _Patches:
+    """Surfaces that are seen in the rooms and do not shine."""
+    face: I32 = looks.hits["primID"]
+    radiance = albedo_at(lit.surfaces, face, looks.hits["u"], looks.hits["v"])
+    position = looks.origins + looks.directions * looks.hits["tfar"][:, None]
+    kept = lit.front(looks.hits, looks.directions) & ~is_bright(radiance, limit) & (radiance @ LUMINANCE > 0)
     position, normal, radiance = position[kept], lit.surfaces.face_normal[face[kept]], radiance[kept]
     axis = np.argmax(np.abs(normal), axis=1)
     facing = axis * 2 + (np.take_along_axis(normal, axis[:, None], axis=1)[:, 0] > 0)
@@ -243,15 +342,11 @@ def _gathered(lit: LitScene, patches: _Patches, ceiling: float) -> tuple[NDArray
     return tuple(values.reshape(of_patch).mean(axis=1, dtype=np.float64) for values in (radiance, overhead, face < 0))
 
 
-def _form_factors(
-    lit: LitScene, patches: _Patches, position: F32, normal: F32, area: F32, own: NDArray[np.bool_]
-) -> NDArray[np.float64]:
-    """(P,) mean visible form factor of the clipped points ``own`` at each patch."""
+def _form_factors(lit: LitScene, patches: _Patches, region: _Region) -> NDArray[np.float64]:
+    """(P,) mean visible form factor of a region at each patch."""
     count = len(patches.position)
-    if not own.any():
-        return np.zeros(count)
-    white = np.ones((int(own.sum()), 3), dtype=np.float32)
-    emitters, _ = bright_patches(position[own], normal[own], area[own], white, 16)
+    white = np.ones_like(region.position)
+    emitters, _ = bright_patches(region.position, region.normal, region.area, white, 16)
     places, facing = patches.position.reshape(-1, 3), patches.normal.reshape(-1, 3)
     pattern = (np.arange(len(places)) % PATTERNS).astype(np.int32)
     reach = np.ones((len(places), len(emitters)), dtype=bool)

@@ -123,10 +123,10 @@ def _smoothed(mesh: Mesh) -> Mesh:
     for _ in range(_ROUNDS):
         weighted = np.repeat(normal * area[:, None], 3, axis=0)
         sums = np.stack([np.bincount(vertex.reshape(-1), weighted[:, c], count) for c in range(3)], axis=1)
-        mean = _unit(sums)[vertex]
+        mean = _unit(np.asarray(sums, dtype=np.float64))[vertex]
         alike = np.einsum("fkc,fc->fk", mean, normal) > _ALIKE
         corner = np.where(alike[..., None], mean, normal[:, None])
-        normal = _unit(corner.mean(axis=1))
+        normal = _unit(np.asarray(corner.mean(axis=1)))
     return replace(mesh, normals=corner.astype(np.float32))
 
 
@@ -148,7 +148,7 @@ def layout_of(triangles: F32) -> LightMapLayout:
         count = int(vertex.max()) + 1
         spread = np.repeat(normal, 3, axis=0)
         sums = np.stack([np.bincount(vertex.reshape(-1), spread[:, c], count) for c in range(3)], axis=1)
-        normal = sums[vertex].mean(axis=1)
+        normal = np.asarray(sums[vertex].mean(axis=1))
     axis = np.argmax(np.abs(normal), axis=1)
     side = axis * 2 + (np.take_along_axis(normal, axis[:, None], axis=1)[:, 0] > 0)
     chart = _charts(vertex, side)
@@ -236,16 +236,18 @@ def received(room: Surroundings, texel: NDArray[np.int64]) -> F32:
     # A turn of the normal by one radian counts like 20 cm.
     tree = cKDTree(np.concatenate([texels.position[places], 0.2 * texels.normal[places]], axis=1))
     where = np.concatenate([texels.position[texel], 0.2 * texels.normal[texel]], axis=1)
-    away, near = tree.query(where, k=min(_AVERAGED, len(places)))
-    weight = 1.0 / (away.reshape(len(texel), -1) ** 2 + 1e-3)
+    found = tree.query(where, k=list(range(1, min(_AVERAGED, len(places)) + 1)))
+    away, near = np.asarray(found[0]), np.asarray(found[1])
+    weight = 1.0 / (away**2 + 1e-3)
     weight /= weight.sum(axis=1, keepdims=True)
-    return np.einsum("nk,nkc->nc", weight, light[near.reshape(len(texel), -1)]).astype(np.float32)
+    return np.asarray(np.einsum("nk,nkc->nc", weight, light[near]).astype(np.float32))
 
 
 def beyond_bumps(directions: F32) -> F32:
     """(N, 1) how far along directions (N, 3), in their lengths, what is nearer than `BUMPS` ends."""
     length = np.sqrt(np.einsum("ij,ij->i", directions, directions))
-    return np.minimum(np.float32(BUMPS) / np.maximum(length, np.float32(1e-9)), np.float32(0.5))[:, None]
+    ahead: F32 = np.minimum(np.float32(BUMPS) / np.maximum(length, np.float32(1e-9)), np.float32(0.5))
+    return ahead[:, None]
 
 
 def displayed(radiance: F32, ratio: F32) -> F32:

@@ -19,9 +19,9 @@ from generators.lighting.bake import bake, insert
 from generators.lighting.direct import direct_light
 from generators.lighting.emitters import find_emitters
 from generators.lighting.gather import cells_at, hemisphere_rays
-from generators.lighting.lit_scene import CLIPPED, LitScene
+from generators.lighting.lit_scene import LitScene
 from generators.lighting.moving_light import MovingLight
-from generators.lighting.scan_light import with_scan_light
+from generators.lighting.scan_light import CLIPPED, with_scan_light
 from generators.lighting.scan_shadow import displayed, layout_of
 from generators.scans.scan import load_scan
 from generators.vision.embree import EmbreeBackend
