@@ -213,8 +213,8 @@ class ScanLight:
     """The light of a scan that its pictures do not show (generators/lighting/scan_light.py estimates it).
 
     Attributes:
-        position: (N, 3) float32 points that are spread over what shines: the brightest texels (lamps, windows), and holes
-            in walls (windows, whose glass scanners do not see).
+        position: (N, 3) float32 points that are spread over what shines: the brightest texels (lamps, windows), and
+            holes in walls (windows, whose glass scanners do not see).
         normal: (N, 3) float32.
         area: (N,) float32 that each stands for, square metres.
         radiance: (N, 3) float32 with what the pictures do not show of it.

@@ -64,6 +64,8 @@ _KINDS, _WITHIN = 0.4, 0.5
 #: By how much a clipped region is usually brighter than the end of the range, and the spread of that (natural
 #: logarithms).
 _BRIGHTER, _BRIGHTNESS = 1.6, 1.2
+#: The same of what faces up: it is lit, by the sun perhaps, and does not shine itself.
+_LIT_BRIGHTER, _LIT_BRIGHTNESS = 0.5, 0.4
 #: Colours (logarithm of red and blue over green) within steps of this size are of one kind.
 _COLOUR = 0.35
 #: Which part of the way from floor to ceiling is below the ceiling's height.
@@ -137,7 +139,8 @@ def estimate(lit: LitScene, rooms: tuple[Room, ...]) -> ScanLight:
         dark = Unseen(np.ones(len(black), dtype=bool), limit, black, nothing)
         around, overhead, outside = _gathered(replace(lit, unseen=dark), patches, ceiling)
         shares = np.stack([*(_form_factors(lit, patches, r) for r in regions), overhead, outside], axis=1)
-        power = _balanced(patches, around + shares @ shown, shares)
+        level = np.array([r.normal[:, 1].mean() > 0.7 for r in regions], dtype=bool)
+        power = _balanced(patches, around + shares @ shown, shares, level)
     total = (power + shown)[: len(regions)]
     radiance = np.repeat(total, [len(r.position) for r in regions])[:, None] * np.ones(3)
     glow, beyond = (np.full(3, power[k], dtype=np.float32) for k in (-2, -1))
@@ -365,13 +368,16 @@ def _kinds(patches: _Patches) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return np.asarray(kind.reshape(-1), dtype=np.int64), side
 
 
-def _balanced(patches: _Patches, base: NDArray[np.float64], shares: NDArray[np.float64]) -> NDArray[np.float64]:
+def _balanced(
+    patches: _Patches, base: NDArray[np.float64], shares: NDArray[np.float64], level: NDArray[np.bool_]
+) -> NDArray[np.float64]:
     """(R,) radiance of what the pictures do not show, ≥ 0, with which the albedos are most plausible.
 
     Args:
         patches: the surfaces.
         base: (P,) their light from what is shown.
-        shares: (P, R) form factors of the rest.
+        shares: (P, R) form factors of the rest, the ceiling and the outside last.
+        level: (R - 2,) which regions face up.
     """
     kind, side = _kinds(patches)
     seen = np.log(np.maximum(patches.radiance @ LUMINANCE, 1e-3))
@@ -379,7 +385,8 @@ def _balanced(patches: _Patches, base: NDArray[np.float64], shares: NDArray[np.f
     usual = np.zeros(int(kind.max()) + 1)
     usual[kind] = np.log(np.array(_ALBEDO))[side]
 
-    clips = shares.shape[1] - 2
+    clips = len(level)
+    brighter = np.where(level, _LIT_BRIGHTER, _BRIGHTER)
 
     def power_of(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.concatenate([CLIPPED * np.expm1(unknown[:clips]), unknown[clips:]])
@@ -390,10 +397,10 @@ def _balanced(patches: _Patches, base: NDArray[np.float64], shares: NDArray[np.f
         # The best mean of each kind has a closed form (variable projection).
         mean = np.bincount(kind, weight * albedo) + usual / _KINDS**2
         mean /= np.bincount(kind, weight) + 1.0 / _KINDS**2
-        off = (unknown[:clips] - _BRIGHTER) / _BRIGHTNESS
+        off = (unknown[:clips] - brighter) / np.where(level, _LIT_BRIGHTNESS, _BRIGHTNESS)
         return np.concatenate([np.sqrt(weight) * (albedo - mean[kind]), (mean - usual) / _KINDS, off])
 
-    first = np.concatenate([np.full(clips, _BRIGHTER), np.full(2, 0.1)])
+    first = np.concatenate([brighter, np.full(2, 0.1)])
     most = np.concatenate([np.full(clips, 8.0), np.full(2, np.inf)])
     found = least_squares(residuals, first, bounds=(0.0, most), loss="soft_l1")
     # The last digits depend on how many threads the linear algebra has.
