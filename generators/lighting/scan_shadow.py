@@ -29,8 +29,8 @@ from generators.lighting.unwrap import LightMapLayout
 
 #: How far objects shade a scan: this many times their longest side, within limits (m).
 _FAR, _LEAST, _MOST = 2.0, 0.35, 1.2
-#: Side of the texels (m), made larger if there would be more than so many.
-_TEXEL, _TEXELS = 0.008, 300_000
+#: Side of the texels (m): a part of the least reach within limits, made larger if there would be more than so many.
+_PART, _FINEST, _COARSEST, _TEXELS = 1 / 60, 0.006, 0.012, 200_000
 #: Rays pass what is nearer than this to where they begin, metres: a scan is rough, and its bumps shade nothing.
 BUMPS = 0.05
 #: Rounds in which the normals of neighbouring faces are averaged, and the least cosine between such neighbours.
@@ -50,6 +50,7 @@ def with_shadow_maps(scene: Scene, boxes: Sequence[F32]) -> Scene:
     """A scan whose faces near the boxes (2, 3) have maps without shadows; any other scene as it is."""
     if scene.stage is None:
         return scene
+    texel = float(np.clip(_PART * min(reach_of(boxes), default=0.0), _FINEST, _COARSEST))
     parts: list[Part] = []
     for part in scene.parts:
         if not scene.is_scan(part) or part.light is not None or not _has_pictures(part.mesh):
@@ -61,13 +62,13 @@ def with_shadow_maps(scene: Scene, boxes: Sequence[F32]) -> Scene:
             continue
         mesh = part.mesh
         if near.all():
-            parts.append(replace(part, mesh=_smoothed(mesh), light=_blank(mesh.positions)))
+            parts.append(replace(part, mesh=_smoothed(mesh), light=_blank(mesh.positions, texel)))
             continue
         # The sound of the whole part stays with the rest, which is never changed again.
         silent = replace(mesh, acoustic_positions=mesh.acoustic_positions[:0], acoustic_labels=())
         piece = _smoothed(_faces(silent, near))
         parts.append(replace(part, mesh=_faces(mesh, ~near)))
-        parts.append(replace(part, mesh=piece, light=_blank(piece.positions)))
+        parts.append(replace(part, mesh=piece, light=_blank(piece.positions, texel)))
     return replace(scene, parts=tuple(parts))
 
 
@@ -130,20 +131,20 @@ def _smoothed(mesh: Mesh) -> Mesh:
     return replace(mesh, normals=corner.astype(np.float32))
 
 
-def _blank(triangles: F32) -> LightMap:
+def _blank(triangles: F32, texel: float) -> LightMap:
     """A map of ones for faces (F, 3, 3)."""
-    layout = layout_of(triangles)
+    layout = layout_of(triangles, texel)
     size = np.array([layout.width, layout.height])
     texels = np.ones((layout.height, layout.width, 3), dtype=np.float16)
     return LightMap((layout.uv / size).astype(np.float32), texels)
 
 
-def layout_of(triangles: F32) -> LightMapLayout:
-    """Where faces (F, 3, 3) of a scan lie in a light map."""
+def layout_of(triangles: F32, texel: float = _COARSEST) -> LightMapLayout:
+    """Where faces (F, 3, 3) of a scan lie in a light map with texels of about ``texel`` metres."""
     vertex = _vertices(triangles)
     normal = _face_normals(triangles)
     area = float(np.linalg.norm(normal, axis=1).sum()) / 2
-    texel = max(_TEXEL, float(np.sqrt(area / _TEXELS)))
+    texel = max(texel, float(np.sqrt(area / _TEXELS)))
     for _ in range(2):  # rough faces take the side of those around them
         count = int(vertex.max()) + 1
         spread = np.repeat(normal, 3, axis=0)
