@@ -160,7 +160,8 @@ class Part:
     """One mesh of a scene: the shell of a flat, a piece of furniture, or a placed instance.
 
     ``instance_id`` is 0 for parts of the home, 1… for placed instances. ``light`` is None if the texture already
-    contains the light (a scan, or a material that only emits): the colour is then texture × material colour.
+    contains the light (a scan, or a material that only emits): the colour is then texture × material colour. In a scan
+    ``light`` is the factor by which objects change what is displayed (`Scene.is_scan`).
     """
 
     name: str
@@ -223,11 +224,38 @@ class SplatFile:
 
 
 @dataclass(frozen=True, eq=False)
+class ScanLight:
+    """The light of a scan that its pictures do not show (generators/lighting/scan_light.py estimates it).
+
+    Attributes:
+        position: (N, 3) float32 points that are spread over what shines: the brightest texels (lamps, windows), and
+            holes in walls (windows, whose glass scanners do not see).
+        normal: (N, 3) float32.
+        area: (N,) float32 that each stands for, square metres.
+        radiance: (N, 3) float32 with what the pictures do not show of it.
+        limit: radiance of its brightest channel from which a texel belongs to what shines.
+        beyond: (3,) float32 radiance from where rays leave the scan.
+        ceiling: height (world Y, metres) from which on faces that look down belong to the ceiling.
+        glow: (3,) float32 radiance that the ceiling has beyond what is shown of it.
+    """
+
+    position: F32
+    normal: F32
+    area: F32
+    radiance: F32
+    limit: float
+    beyond: F32
+    ceiling: float
+    glow: F32
+
+
+@dataclass(frozen=True, eq=False)
 class Scene:
     """A home with its rooms and objects: all that a renderer and an acoustic engine need.
 
     ``exposure`` multiplies linear light before the tone curve (`Scene.for_room` sets the room's own). ``stage`` is the
-    file of the parts with instance id 0, if they are one scan, and ``splats`` that of the same place in 3D Gaussians.
+    file of the parts with instance id 0, if they are one scan, and ``splats`` that of the same place in 3D Gaussians;
+    ``scan_light`` is there once objects are placed in the scan.
     """
 
     name: str
@@ -237,6 +265,7 @@ class Scene:
     exposure: float = 1.0
     stage: StageFile | None = None
     splats: SplatFile | None = None
+    scan_light: ScanLight | None = None
 
     def room(self, name: str) -> Room:
         """The first room called ``name``.
@@ -248,6 +277,10 @@ class Scene:
             if room.name == name:
                 return room
         raise Avs3dError(f"{self.name}: no room {name!r}; it has {', '.join(r.name for r in self.rooms) or 'none'}")
+
+    def is_scan(self, part: Part) -> bool:
+        """Whether the textures of ``part`` are pictures of a scan: their light is in them, developed for display."""
+        return self.stage is not None and part.instance_id == 0
 
     def for_room(self, name: str) -> Scene:
         """The same scene exposed for one room."""

@@ -16,7 +16,9 @@ from generators.core.scene import F32, I32, LightMap, Part, Scene
 from generators.lighting.blocks import make_blocks
 from generators.lighting.direct import direct_light
 from generators.lighting.gather import CHUNK, cells_at, hemisphere_rays
-from generators.lighting.lit_scene import LitScene
+from generators.lighting.lit_scene import OUTSIDE, LitScene
+from generators.lighting.scan_light import with_scan_light
+from generators.lighting.scan_shadow import with_shadow_maps
 from generators.lighting.shadowing import shadowed
 from generators.lighting.smoothing import fill, smooth, spread
 from generators.lighting.sun import sun_light
@@ -39,7 +41,8 @@ def insert(scene: Scene, parts: tuple[Part, ...]) -> Scene:
     """Add unlit parts to a lit scene.
 
     Args:
-        scene: with light maps from `bake`, or scanned parts whose texture holds the light. It is not changed.
+        scene: with light maps from `bake`, or scanned parts whose texture holds the light (of a scan from a file,
+            `Scene.stage`, the faces near the objects become parts with maps of their shadows). It is not changed.
         parts: meshes in world coordinates; light they may have is replaced.
 
     Returns:
@@ -48,6 +51,7 @@ def insert(scene: Scene, parts: tuple[Part, ...]) -> Scene:
     if not parts:
         return scene
     objects, layouts = _prepare(parts)
+    scene = with_shadow_maps(with_scan_light(scene), objects.boxes())
     return light_parts(
         scene, Surroundings.of(scene, objects.boxes()), objects, parts, [uv_of(each) for each in layouts]
     )
@@ -108,7 +112,7 @@ class Gathered:
         direct: (N, 3) light of emitters and the sun.
         noise: (N,) variance of the luminance of what rays find.
         weight: (N, n) weights of the rays.
-        face: (N·n,) face of the room that a ray meets, -1 where it meets an object or nothing.
+        face: (N·n,) face of the room that a ray meets, -1 where it meets an object, `OUTSIDE` where nothing.
         v: (N·n,) weight of the face's second corner.
         w: (N·n,) weight of its third corner.
         links: (N, n) texel of the objects that a ray meets, or -1.
@@ -160,7 +164,8 @@ def gather_light(objects: Objects, room: Surroundings) -> Gathered:
         buried[part] = back.reshape(-1, RAYS).mean(axis=1) > 0.5
         cells = cells_at(objects.surfaces, objects.sheet, near["primID"], near["u"], near["v"])
         links[part] = np.where(met, texels.index[cells], -1).reshape(-1, RAYS)
-        face[rays], v[rays], w[rays] = np.where(met, -1, hits["primID"]), hits["u"], hits["v"]
+        found = np.where(hits["primID"] < 0, OUTSIDE, hits["primID"])
+        face[rays], v[rays], w[rays] = np.where(met, -1, found), hits["u"], hits["v"]
         seen = room.dim.reflected(face[rays], v[rays], w[rays]).mean(axis=1)
         noise[part] = seen.reshape(-1, RAYS).var(axis=1) / RAYS
         weight[part] = (1 - gloss)[:, None] / np.float32(RAYS) + gloss[:, None] * narrow[pattern]

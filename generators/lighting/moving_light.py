@@ -15,6 +15,8 @@ import numpy as np
 from generators.core.boxes import UprightBox
 from generators.core.scene import F32, Mesh, Part, Scene
 from generators.lighting.insertion import light_parts, texel_size, uv_of
+from generators.lighting.scan_light import with_scan_light
+from generators.lighting.scan_shadow import with_shadow_maps
 from generators.lighting.surfaces import LitSurfaces
 from generators.lighting.surroundings import Objects, Surroundings
 from generators.lighting.texels import Sheet
@@ -34,8 +36,8 @@ class MovingLight:
     """
 
     def __init__(self, scene: Scene, mesh: Mesh, way: Sequence[UprightBox]) -> None:
-        self._scene = scene
-        bounds = np.array([box.bounds for box in way])
+        bounds = np.array([box.bounds for box in way], dtype=np.float32)
+        self._scene = scene = with_shadow_maps(with_scan_light(scene), list(bounds))
         around = np.stack([bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)]).astype(np.float32)
         self._room = Surroundings.of(scene, [around])
         layout = _layout(mesh)

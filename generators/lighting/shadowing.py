@@ -17,7 +17,8 @@ from generators.core.scene import F32, Part
 from generators.lighting.direct import direct_light
 from generators.lighting.emitters import Emitters
 from generators.lighting.gather import CHUNK, hemisphere_rays
-from generators.lighting.lit_scene import LitScene
+from generators.lighting.lit_scene import OUTSIDE, LitScene
+from generators.lighting.scan_shadow import BUMPS, beyond_bumps, displayed, received, scaled_distance
 from generators.lighting.smoothing import fill, smooth
 from generators.lighting.sun import sun_light
 from generators.lighting.surfaces import in_chunks
@@ -51,14 +52,31 @@ def shadowed(parts: tuple[Part, ...], room: Surroundings, objects: Objects, cell
     if not len(texels):
         return parts, factors
     distance = nearest_box(texels.position, objects.boxes())
+    on_scan = room.scanned[base.surfaces.part[texels.face]]
+    if on_scan.any():
+        distance[on_scan] = scaled_distance(texels.position[on_scan], objects.boxes(), REACH)
     lost, known = _lost_light(room, objects, distance, cells)
     old = base.light[texels.cell]
+    unlit = np.flatnonzero(on_scan & (lost != 0).any(axis=1))
+    if len(unlit):
+        old = old.copy()
+        old[unlit] = received(room, unlit)
     ratio = np.clip(1.0 - lost / np.maximum(old, 1e-6), 0.02, 4.0).astype(np.float32)
     # Texels that the objects bury take the shade of those beside them, or a bright rim would show round the contact.
     ratio = fill(base.surfaces, base.sheet, texels, ratio, known, rings=3)
     factors[texels.cell] = ratio
     changed = np.any(ratio != 1.0, axis=1)
-    new = (old * ratio)[changed]
+    shaded = np.flatnonzero(on_scan & changed)
+    if len(shaded):
+        # A scan's map holds factors of what is displayed.
+        before = base.light[texels.cell[shaded]]
+        old[shaded] = before
+        shown = displayed(texels.albedo[shaded] * before, ratio[shaded])
+        new = old * ratio
+        new[shaded] = before * shown
+        new = new[changed]
+    else:
+        new = (old * ratio)[changed]
     cell = texels.cell[changed]
     out = list(parts)
     for number in range(len(parts)):
@@ -75,7 +93,8 @@ def shadowed(parts: tuple[Part, ...], room: Surroundings, objects: Objects, cell
 
 def _reflected(room: LitScene, hits: dict[str, Any]) -> F32:
     """(N, 3) radiance that rays meet."""
-    return room.reflected(hits["primID"], hits["u"], hits["v"])
+    face = np.where(hits["primID"] < 0, OUTSIDE, hits["primID"])
+    return room.reflected(face, hits["u"], hits["v"])
 
 
 def _before(position: F32, normal: F32, boxes: list[F32]) -> NDArray[np.bool_]:
@@ -122,12 +141,18 @@ def _lost_light(room: Surroundings, objects: Objects, distance: F32, cells: F32)
         enough = base.light[texels.cell].max(axis=1) > _SUNNY * room.sun.radiance.max() * cosine
         sunny = np.flatnonzero((distance < _SUN_REACH) & (cosine > 0) & enough)
     shade = LitScene(objects.surfaces, objects.sheet, cells, objects.tracer)
+    rough = bool(room.scanned.any())
+    bumps = np.float32(BUMPS if rough else 0.0)
 
     def taken(origins: F32, directions: F32, far: F32) -> NDArray[np.bool_]:
         """Whether a ray is not one of those that the objects alone stop."""
         stopped = objects.tracer.occluded(origins, directions, far)
         rays = np.flatnonzero(stopped)
-        stopped[rays] = ~base.tracer.occluded(origins[rays], directions[rays], far[rays])
+        origins, directions, far = origins[rays], directions[rays], far[rays]
+        if rough:
+            ahead = beyond_bumps(directions)
+            origins, far = origins + ahead * directions, far - ahead[:, 0]
+        stopped[rays] = ~base.tracer.occluded(origins, directions, far)
         return ~stopped
 
     def around(first: int, last: int) -> None:
@@ -139,8 +164,8 @@ def _lost_light(room: Surroundings, objects: Objects, distance: F32, cells: F32)
         hits = objects.tracer.intersect(origins, directions)
         rays = np.flatnonzero(hits["primID"] >= 0)
         hits = {key: value[rays] for key, value in hits.items()}
-        beyond = base.tracer.intersect(origins[rays], directions[rays])
-        first_met = hits["tfar"] < beyond["tfar"]
+        beyond = base.tracer.intersect(origins[rays] + bumps * directions[rays], directions[rays])
+        first_met = hits["tfar"] < beyond["tfar"] + bumps
         back = behind(objects.surfaces, hits["primID"], directions[rays]) & first_met
         buried = np.bincount(rays[back] // RAYS, minlength=len(texel)) > 0.5 * RAYS
         weight = (1 - gloss)[:, None] / np.float32(RAYS) + gloss[:, None] * narrow[pattern]

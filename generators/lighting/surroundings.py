@@ -14,6 +14,7 @@ from generators.lighting.direct import shadow_rays
 from generators.lighting.emitters import BRIGHT, Emitters, bright_patches, find_emitters
 from generators.lighting.form_factors import LOBE
 from generators.lighting.lit_scene import LitScene
+from generators.lighting.scan_light import emitters_of, without_emitters
 from generators.lighting.sun import Sun, find_sun
 from generators.lighting.surfaces import LitSurfaces
 from generators.lighting.texels import Sheet, Texels, rasterise
@@ -69,6 +70,7 @@ class Surroundings:
         texels: of the surfaces near the objects that have a light map.
         emitters: windows, lamps and bright patches.
         sun: the sun, if it shines in.
+        scanned: (P,) which parts of the room are a scan; their maps are factors of what is displayed.
     """
 
     lit: LitScene
@@ -76,6 +78,7 @@ class Surroundings:
     texels: Texels
     emitters: Emitters
     sun: Sun | None
+    scanned: NDArray[np.bool_]
 
     @property
     def tracer(self) -> Tracer:
@@ -85,7 +88,8 @@ class Surroundings:
     @staticmethod
     def of(scene: Scene, boxes: list[F32]) -> Surroundings:
         """The surroundings of objects with the bounds ``boxes``."""
-        lit = LitScene.of(scene.parts)
+        scanned = np.array([scene.is_scan(part) for part in scene.parts], dtype=bool)
+        lit = LitScene.of(scene.parts, scanned.tolist() if scanned.any() else None)
         surfaces = lit.surfaces
         mapped = np.array([part.light is not None for part in scene.parts])
         low, high = surfaces.triangles.min(axis=1), surfaces.triangles.max(axis=1)
@@ -94,6 +98,10 @@ class Surroundings:
             near |= np.all((low < box[1] + _RANGE) & (high > box[0] - _RANGE), axis=1)
         texels = rasterise(surfaces, lit.sheet, near & mapped[surfaces.part])
         emitters = find_emitters(surfaces, SAMPLES)
+        if scene.scan_light is not None:
+            emitters = emitters.joined(emitters_of(scene.scan_light, SAMPLES, boxes))
+            dim = without_emitters(scene.scan_light, lit, scanned)
+            return Surroundings(lit, dim, texels, emitters, None, scanned)
         light = lit.light
         if len(texels):
             radiance = texels.albedo * light[texels.cell]
@@ -113,7 +121,7 @@ class Surroundings:
             light = light.copy()
             light[texels.cell[bright[used]]] = 0.0
         return Surroundings(
-            lit, replace(lit, light=light), texels, emitters, find_sun(scene.name, surfaces, lit.tracer)
+            lit, replace(lit, light=light), texels, emitters, find_sun(scene.name, surfaces, lit.tracer), scanned
         )
 
     def reach(self, objects: Objects) -> NDArray[np.bool_]:

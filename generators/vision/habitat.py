@@ -2,8 +2,9 @@
 
 Its wheels and conda builds need another Python than this package, and it ends the whole process where it finds no EGL
 device: so it works in a child process that is spoken to over pipes (generators/vision/habitat_process.py). The scene
-goes there as files: a scan as the file that it was read from, everything else exported with its light baked into
-textures (generators/vision/glb.py). Colour is supersampled; depth and ids are those at the pixels' centres.
+goes there as files: a scan as the file that it was read from, unless objects shade it; everything else exported with
+its light baked into textures (generators/vision/glb.py). Colour is supersampled; depth and ids are those at the pixels'
+centres.
 
 In a scan's own file habitat-sim does not draw the backs of faces: through a hole in a cupboard's door one looks past
 its inside, which the CPU renderer shows. The exported meshes have both sides.

@@ -381,7 +381,7 @@ def shade_texels(
         out: (N, 3), written where there is a face.
     """
     scale = np.float32(1.0 / white)
-    surfaces, albedo, emission = tables.surface, tables.albedo, tables.emission
+    surfaces, albedo, emission, developed = tables.surface, tables.albedo, tables.emission, tables.developed
     texture_of, light_of, uv, light_uv = tables.texture, tables.light, tables.uv, tables.light_uv
     light_texels, light_offset, light_size = tables.light_texels, tables.light_offset, tables.light_size
     pool = tables.textures
@@ -406,6 +406,9 @@ def shade_texels(
         x = light_uv[f, 0, 0] + b1 * light_uv[f, 1, 0] + b2 * light_uv[f, 2, 0]
         y = light_uv[f, 0, 1] + b1 * light_uv[f, 1, 1] + b2 * light_uv[f, 2, 1]
         r, g, b = _light(light_texels, light_offset[light], light_size[light, 0], light_size[light, 1], x, y)
+        if developed[surface]:
+            out[i, 0], out[i, 1], out[i, 2] = red * r, green * g, blue * b
+            continue
         out[i, 0] = _tone(tone, scale, red * r + emission[surface, 0])
         out[i, 1] = _tone(tone, scale, green * g + emission[surface, 1])
         out[i, 2] = _tone(tone, scale, blue * b + emission[surface, 2])

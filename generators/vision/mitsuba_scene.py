@@ -35,7 +35,6 @@ from generators.core.tone import MID_GREY, decode_table, inverse_tone_curve
 from generators.lighting.form_factors import LOBE
 from generators.lighting.sun import SUN_RADIUS, Sun, find_sun
 from generators.lighting.surfaces import LitSurfaces, srgb_to_linear
-from generators.vision.tables import is_developed
 
 F32 = NDArray[np.float32]
 
@@ -306,7 +305,7 @@ def _groups(scene: Scene, wanted: NDArray[np.bool_]) -> list[_Group]:
     found: dict[tuple[Any, ...], tuple[Material, bool, list[tuple[F32, F32, F32]]]] = {}
     first = 0
     for number, part in enumerate(scene.parts):
-        mesh, is_picture = part.mesh, is_developed(scene, part)
+        mesh, is_picture = part.mesh, scene.is_scan(part)
         count = len(mesh.positions)
         edges = mesh.positions.astype(np.float64)
         solid = np.linalg.norm(np.cross(edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 0]), axis=1) > 1e-12

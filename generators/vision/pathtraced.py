@@ -14,11 +14,11 @@ reflect the room. A window shows the radiance that lights the room, so that it i
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from avs3d_bench.geometry import Intrinsics, Pose
@@ -28,7 +28,6 @@ from generators.core.tone import WHITE, develop
 from generators.vision.base import RenderedView
 from generators.vision.embree import EmbreeBackend
 from generators.vision.mitsuba_scene import MAX_DEPTH, ROULETTE_DEPTH, MitsubaScene, load_mitsuba
-from generators.vision.tables import is_developed
 from generators.vision.views import check_camera, pose_number, trial_scene, view_of
 
 #: Paths a pixel, for each of the two scenes (lamps and sky; the sun).
@@ -107,7 +106,16 @@ class PathtracedSession:
         self._mi, self._intrinsics, self._exposure = mi, intrinsics, scene.exposure
         self._labels = EmbreeBackend().open(scene, intrinsics)
         self._scenes = MitsubaScene(mi, scene, look="physical").scenes
-        self._shines = np.array([*_shining(scene), False])  # the last one: no face
+        counts = [len(part.mesh.positions) for part in scene.parts]
+        pictures = np.repeat([scene.is_scan(part) for part in scene.parts], counts)
+        emits = np.concatenate(
+            [
+                np.max([m.emission for m in part.mesh.materials], axis=1)[part.mesh.face_material] > 0
+                for part in scene.parts
+            ]
+        )
+        # The last one stands for no face.
+        self._is_picture, self._shines = np.append(pictures, False), np.append(pictures | emits, False)
         self._path = mi.load_dict({"type": "path", "max_depth": MAX_DEPTH, "rr_depth": ROULETTE_DEPTH})
         self._guide = mi.load_dict({"type": "aov", "aovs": "albedo:albedo,normal:sh_normal"})
 
@@ -119,12 +127,14 @@ class PathtracedSession:
         """
         labels = self._labels.render(pose)
         radiance, albedo, normal = self._trace(pose)
+        face = self._labels.faces
         if _denoiser_version() is not None:
-            shines = self._shines[self._labels.faces]
+            shines = self._shines[face]
             albedo = np.where(shines[..., None], np.minimum(radiance, 1.0), albedo)
-            inside = ndimage.binary_erosion(shines, np.ones((3, 3), dtype=bool), border_value=1)[..., None]
-            radiance = np.where(inside, radiance, _denoised(radiance, albedo, normal))
-        return RenderedView(rgb=develop(radiance), depth=labels.depth, instance_ids=labels.instance_ids)
+            radiance = np.where(_inside(shines), radiance, _denoised(radiance, albedo, normal))
+        # A photograph is shown as by the other renderers, with the shadows that objects cast on it.
+        rgb = np.where(_inside(self._is_picture[face]), labels.rgb, develop(radiance))
+        return RenderedView(rgb=rgb, depth=labels.depth, instance_ids=labels.instance_ids)
 
     def share(self) -> None:
         """None: Mitsuba uses all of a device for one picture."""
@@ -183,11 +193,9 @@ class PathtracedSession:
         return np.asarray(np.stack(sums, axis=1) / SAMPLES, dtype=np.float32)
 
 
-def _shining(scene: Scene) -> Iterator[bool]:
-    """For each face, whether it shines by itself."""
-    for part in scene.parts:
-        shines = [is_developed(scene, part) or max(material.emission) > 0 for material in part.mesh.materials]
-        yield from np.array(shines)[part.mesh.face_material].tolist()
+def _inside(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(H, W, 1) the pixels of ``mask`` (H, W) whose eight neighbours belong to it, too."""
+    return ndimage.binary_erosion(mask, np.ones((3, 3), dtype=bool), border_value=1)[..., None]
 
 
 def _denoised(radiance: F32, albedo: F32, normal: F32) -> F32:

@@ -28,7 +28,7 @@ class SceneTables(NamedTuple):
         instance: (S,) uint16 instance id.
         albedo: (S, 3) float32 material colour times exposure, or the colour that is shown instead.
         emission: (S, 3) float32 emission times exposure; 0 where something is shown in its place.
-        developed: (S,) uint8, 1 where colour × texture is display light already: the pictures of a scan's own file.
+        developed: (S,) uint8, 1 where colour × texture × light is display light already: the pictures of a scan.
         light_texels: flat float32; a map is (height, width, 3), row 0 at v = 0.
         light_offset: (M,) int64, where each map begins.
         light_size: (M, 2) int32 height and width.
@@ -73,7 +73,7 @@ def build_tables(scene: Scene) -> tuple[SceneTables, F32]:
     texels = [light.texels.astype(np.float32).reshape(-1) for light in maps] or [np.ones(3, dtype=np.float32)]
     offsets = np.concatenate([[0], np.cumsum([block.size for block in texels])[:-1]])
     shown = np.array([material.shown is not None for material in materials])
-    developed = np.array([is_developed(scene, part) for part in scene.parts], dtype=np.uint8)[part_of]
+    developed = np.array([scene.is_scan(part) for part in scene.parts], dtype=np.uint8)[part_of]
     albedo = [
         material.shown or tuple((1.0 if done else scene.exposure) * channel for channel in material.colour)
         for material, done in zip(materials, developed, strict=True)
@@ -102,14 +102,6 @@ def build_tables(scene: Scene) -> tuple[SceneTables, F32]:
         textures=build_pool(unique),
     )
     return tables, triangles
-
-
-def is_developed(scene: Scene, part: Part) -> bool:
-    """Whether the colours of ``part`` are for the screen already: the textures of a scan's file are photographs.
-
-    A second tone curve would darken them; and a renderer that reads the file itself shows them as they are.
-    """
-    return scene.stage is not None and part.instance_id == 0 and part.light is None
 
 
 def _check(scene: Scene) -> None:
