@@ -1,0 +1,87 @@
+"""Free upright patches of the four sides of a scanned room: rays sideways, a plane, and what lies flat on it.
+
+Rays towards each side of the room's box between 1.3 and 2.1 m above the floor meet walls, but also curtains and the
+fronts of shelves and wardrobes. On each side the most frequent depth is fitted by a plane, which may be turned a little
+from the box's side; rectangles of its cells are walls if they are as flat as a wall: folds and backs of books are not.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generators.core.scene import Room, Support
+from generators.scans.flatness import NORMAL, fit_plane, flatness, plane_on
+from generators.scans.layers import filled, rectangles, vector
+from generators.scans.tops import Surroundings
+
+Array = NDArray[np.float64]
+
+#: Spacing of the rays (m): a shelf board is 2–3 cm thick.
+CELL = 0.025
+#: Heights above the floor between which a wall is looked for (m).
+BAND = (1.3, 2.1)
+#: Free depth that a patch of wall has before it (m).
+DEPTH = 0.5
+#: Least side of a patch (m).
+LEAST = 0.4
+#: Half the range of depths that may be one plane before it is fitted, and after (m); the latter grows with the scatter
+#: of the wall, which counts up to `SCATTER`.
+ROUGH_PLANE, PLANE, SCATTER = 0.03, 0.008, 0.006
+#: Largest slope of a wall against its side of the box: 10°, sideways, and 3°, upwards.
+TURN, LEAN = 0.18, 0.05
+#: Largest wave of a wall (m), as `Flatness.wave`, or in those of the floor: books' backs and folds wave more.
+STIFF, STIFFER, STIFFEST = 0.003, 1.7, 0.005
+#: Largest share of a patch that is not on its plane: sockets and pin-holes.
+COVERED = 0.9
+
+
+def find_walls(around: Surroundings, room: Room) -> list[Support]:
+    """Free upright patches of the four sides of the room's box."""
+    out: list[Support] = []
+    for inward in np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]]):
+        out += _on_side(around, room, inward)
+    return out
+
+
+def _on_side(around: Surroundings, room: Room, inward: Array) -> list[Support]:
+    low, high = np.asarray(room.low), np.asarray(room.high)
+    axis, other = (2, 0) if inward[2] else (0, 2)
+    edge = low[axis] if inward[axis] > 0 else high[axis]
+    along = np.arange(low[other] + CELL / 2, high[other], CELL)
+    up = np.arange(around.floor + BAND[0] + CELL / 2, min(around.floor + BAND[1], high[1]), CELL)
+    if not len(along) or not len(up):
+        return []
+    starts = np.zeros((len(along), len(up), 3))
+    starts[..., other], starts[..., 1] = along[:, None], up
+    starts[..., axis] = edge + inward[axis] * DEPTH
+    depth = around.distance(starts, -inward)
+    good = (depth <= DEPTH + 0.3) & (depth >= 0.2)
+    if good.sum() < (LEAST / CELL) ** 2:
+        return []
+    counts = np.convolve(np.bincount((depth[good] * 100).astype(np.int64)), [1, 1, 1], mode="same")
+    common = (float(np.argmax(counts)) + 0.5) / 100
+    plane = fit_plane(depth, good & (np.abs(depth - common) <= ROUGH_PLANE), CELL)
+    if abs(plane[0]) > TURN or abs(plane[1]) > LEAN:
+        return []
+    rest = np.abs(depth - plane_on(plane, depth.shape, CELL))
+    scatter = min(NORMAL * float(np.median(rest[good & (rest <= ROUGH_PLANE)])), SCATTER)
+    on_plane = filled(filled(good & (rest <= PLANE + 2.5 * scatter)))
+    stiff = min(max(STIFF, STIFFER * around.wave), STIFFEST)
+    out = []
+    for r, c, rows, columns in rectangles(on_plane, round(LEAST / CELL), 3):
+        block = (slice(r, r + rows), slice(c, c + columns))
+        flat = flatness(depth[block], good[block] & (rest[block] <= ROUGH_PLANE), CELL)
+        if flat.wave > stiff or flat.covered < COVERED or (rest[block] <= ROUGH_PLANE).mean() < COVERED:
+            continue
+        # From its lower corner, along the wall as it is turned, upright. Depth grows away from ``inward``.
+        turn = inward + flat.slope[0] * np.eye(3)[other]
+        normal = turn / np.linalg.norm(turn)
+        origin = starts[r, c] - inward * flat.offset
+        u = np.eye(3)[other] - inward * flat.slope[0]
+        origin = origin - (u + np.array([0.0, 1.0, 0.0])) * CELL / 2
+        clearance = round(float(np.percentile(depth[block], 2)), 4)
+        rise = (0.0, round(columns * CELL, 4), 0.0)
+        facing = vector(normal)
+        out.append(Support("wall", room.name, vector(origin), vector(u * rows * CELL), rise, facing, facing, clearance))
+    return out
