@@ -162,9 +162,9 @@ def find_patches(layers: Layers, around: Surroundings) -> Iterator[Patch]:
             near = left & (np.abs(relative - level) <= LEVEL)
         left &= ~near
         body, _ = ndimage.label((np.abs(every - level) <= BODY).any(axis=2), np.ones((3, 3)))
-        surfaces, count = ndimage.label(filled(near.any(axis=2)))
+        surfaces, count = ndimage.label(filled(np.asarray(near.any(axis=2))))
         for number in range(1, count + 1):
-            mask = surfaces == number
+            mask = np.asarray(surfaces == number)
             if mask.sum() >= least:
                 mask, own = _on_plane(relative, left | near, near & mask[..., None])
                 left &= ~own
