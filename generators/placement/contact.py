@@ -31,7 +31,7 @@ FLOAT = 0.003
 #: What reaches this far above the lowest point of the underside can touch the support, and what is a foot (m).
 SOLE, FOOT = 0.02, 0.003
 #: Spacing of the points of the underside (m), and their least and largest number along a side.
-SPACING, FEWEST, MOST = 0.01, 6, 32
+SPACING, FEWEST, MOST = 0.01, 6, 48
 #: The surface is looked for from this far before the model to twice as far behind (m).
 REACH = 0.05
 

@@ -125,7 +125,7 @@ def _level(height: Array, noise: float) -> tuple[Array, NDArray[np.bool_]]:
     """Find the height (N,) of first contact from the hits of rays (N, K), and whether the surface is flat (N,).
 
     The K rays form a square grid. On modelled geometry the surface is also level: no point may be more than `FLATNESS`
-    lower than the highest. On a scan it may be tilted, for objects are tilted with it (generators/placement/contact.py);
+    lower than the highest. On a scan it may be tilted, for objects are, too (generators/placement/contact.py),
     and a few rays may go through holes.
     """
     top = height.max(axis=1)
@@ -288,6 +288,10 @@ def on_wall(site: Site, mesh: Mesh, support: Support, rng: Generator, *, heights
     length = np.array([np.linalg.norm(u), np.linalg.norm(v)])
     a, b = (np.arange(0.0, n + 1e-9, SPACING) / max(n, 1e-9) for n in length)
     ab = np.stack([g.reshape(-1) for g in np.meshgrid(a, b, indexing="ij")], axis=1)
+    if site.scanned and math.isfinite(support.clearance):
+        # Beyond the patch the wall is not free, or none: the whole model hangs on the patch.
+        half = (mesh.bounds[1] - mesh.bounds[0])[:2].astype(np.float64) / 2
+        ab = ab[(np.minimum(ab, 1 - ab) * length >= half - 0.005).all(axis=1)]
     centres = origin + ab[:, :1] * u + ab[:, 1:] * v
     above = centres[:, 1] - site.space.floor
     centres = centres[(above >= heights[0]) & (above <= heights[1])]

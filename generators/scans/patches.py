@@ -16,7 +16,7 @@ from generators.core.rays import RayCaster
 from generators.core.scene import F32, Room, Support
 from generators.scans.flatness import flatness
 from generators.scans.layers import CELL, Layers, cast_down, find_floor
-from generators.scans.tops import FINE, Surroundings, find_tops
+from generators.scans.tops import FINE, ScanRays, find_tops
 from generators.scans.walls import find_walls
 
 #: Side of the squares of floor on which its waves are measured (m), and how many are.
@@ -48,13 +48,13 @@ def find_supports(triangles: F32, room: Room, name: str) -> tuple[float, list[Su
         (0.0, 0.0, 1.0),
         high[1] - floor,
     )
-    around = surroundings(caster, layers, floor)
+    around = scan_rays(caster, layers, floor)
     return floor, [ground, *find_tops(layers, around, room), *find_walls(around, room)]
 
 
-def surroundings(caster: RayCaster, layers: Layers, floor: float) -> Surroundings:
+def scan_rays(caster: RayCaster, layers: Layers, floor: float) -> ScanRays:
     """Rays, the floor, and the median wave of free squares of it: what the scan itself adds to a rigid surface."""
-    around = Surroundings(caster, floor, 0.0)
+    around = ScanRays(caster, floor, 0.0)
     free = np.asarray(((np.abs(layers.height - floor) <= 0.03) & (layers.clearance >= 0.5)).any(axis=2))
     side = round(_SQUARE / CELL)
     corners = [
@@ -72,4 +72,4 @@ def surroundings(caster: RayCaster, layers: Layers, floor: float) -> Surrounding
         points[..., 2] = layers.z[j] - CELL / 2 + step
         height = 0.1 - around.distance(points, np.array([0.0, -1.0, 0.0]))
         waves.append(flatness(height, np.abs(height) <= 0.06, FINE).wave)
-    return Surroundings(caster, floor, float(np.median(waves)) if waves else 0.0)
+    return ScanRays(caster, floor, float(np.median(waves)) if waves else 0.0)

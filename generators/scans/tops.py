@@ -112,7 +112,7 @@ class Patch:
 
 
 @dataclass(frozen=True, eq=False)
-class Surroundings:
+class ScanRays:
     """What a patch is judged against: rays, the floor's height, and how much the floor waves (m)."""
 
     caster: RayCaster
@@ -131,7 +131,7 @@ class Surroundings:
         return min(max(STIFF, STIFFER * self.wave), STIFFEST)
 
 
-def find_tops(layers: Layers, around: Surroundings, room: Room) -> list[Support]:
+def find_tops(layers: Layers, around: ScanRays, room: Room) -> list[Support]:
     """Worktops, tables and shelves."""
     return [support_of(patch, around, room.name) for patch in find_patches(layers, around) if not fault(patch, around)]
 
@@ -141,7 +141,7 @@ def band_of(relative: float) -> Band:
     return next((band for band in BANDS if relative <= band.high + 0.02), BANDS[-1])
 
 
-def find_patches(layers: Layers, around: Surroundings) -> Iterator[Patch]:
+def find_patches(layers: Layers, around: ScanRays) -> Iterator[Patch]:
     """The level rectangles of a room, whatever they belong to."""
     relative = layers.height - around.floor
     with np.errstate(invalid="ignore"):
@@ -200,7 +200,7 @@ def _sides(mask: Mask) -> Array:
 
 
 def _patches_in(
-    mask: Mask, clearance: Array, layers: Layers, level: float, body: Array, around: Surroundings
+    mask: Mask, clearance: Array, layers: Layers, level: float, body: Array, around: ScanRays
 ) -> Iterator[Patch]:
     """The largest rectangles of one surface, parallel to the axes or, if they are larger, to the surface."""
     least = math.ceil(band_of(level).width / CELL - 1e-6)
@@ -242,10 +242,10 @@ def _lookup(mask: Mask, cells: Array) -> Mask:
     index = np.round(cells).astype(np.int64)
     inside = ((index >= 0) & (index < mask.shape)).all(axis=-1)
     index = np.where(inside[..., None], index, 0)
-    return np.asarray(inside & mask[index[..., 0], index[..., 1]])
+    return np.asarray(inside & mask[index[..., 0], index[..., 1]], dtype=bool)
 
 
-def _measured(corner: Array, along: Array, size: Array, clearance: float, body: Array, around: Surroundings) -> Patch:
+def _measured(corner: Array, along: Array, size: Array, clearance: float, body: Array, around: ScanRays) -> Patch:
     """A patch with its flatness, from fine rays, at the height of the plane that they find."""
     start = min(0.08, 0.6 * clearance)
     a, b = (np.arange(FINE / 2, n, FINE) for n in size)
@@ -257,7 +257,7 @@ def _measured(corner: Array, along: Array, size: Array, clearance: float, body: 
     return Patch(corner, along, size, clearance, flat, body)
 
 
-def fault(patch: Patch, around: Surroundings) -> str:
+def fault(patch: Patch, around: ScanRays) -> str:
     """Why nothing is put on a patch; "" if things can stand there."""
     flat, relative = patch.flat, float(patch.corner[1] - around.floor)
     band = band_of(relative)
@@ -285,7 +285,7 @@ def fault(patch: Patch, around: Surroundings) -> str:
     return ""
 
 
-def back_share(patch: Patch, around: Surroundings, normal: Array, along: Array, length: float) -> float:
+def back_share(patch: Patch, around: ScanRays, normal: Array, along: Array, length: float) -> float:
     """Share of one side of a patch along which a back rises from it.
 
     A back begins within `BACK_REACH`, without a gap between, and ends: where it ends, rays find nothing, or a wall that
@@ -306,7 +306,7 @@ def back_share(patch: Patch, around: Surroundings, normal: Array, along: Array, 
     return float(((near <= BACK_REACH) & (behind >= near + BACK_DEPTH) & (lowest >= -GAP)).mean())
 
 
-def _is_held(patch: Patch, around: Surroundings) -> bool:
+def _is_held(patch: Patch, around: ScanRays) -> bool:
     """Whether something upright is close behind one side of a high patch, or below it all the way to the floor."""
     rise = min(0.12, patch.clearance / 2)
     for normal, along, length, depth in patch.sides():
@@ -317,7 +317,7 @@ def _is_held(patch: Patch, around: Surroundings) -> bool:
     return False
 
 
-def support_of(patch: Patch, around: Surroundings, room: str) -> Support:
+def support_of(patch: Patch, around: ScanRays, room: str) -> Support:
     """A patch as a support; it looks where the room is open before it and closed behind it."""
     centre = patch.middle + min(0.15, patch.clearance / 2) * _UP
     ways = np.stack([patch.along[1], patch.along[0], -patch.along[1], -patch.along[0]])

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from generators.core.scene import Room, Support
 from generators.scans.flatness import NORMAL, fit_plane, flatness, plane_on
 from generators.scans.layers import filled, rectangles, vector
-from generators.scans.tops import Surroundings
+from generators.scans.tops import ScanRays
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ STIFF, STIFFER, STIFFEST = 0.003, 1.7, 0.005
 COVERED = 0.9
 
 
-def find_walls(around: Surroundings, room: Room) -> list[Support]:
+def find_walls(around: ScanRays, room: Room) -> list[Support]:
     """Free upright patches of the four sides of the room's box."""
     out: list[Support] = []
     for inward in np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]]):
@@ -44,7 +44,7 @@ def find_walls(around: Surroundings, room: Room) -> list[Support]:
     return out
 
 
-def _on_side(around: Surroundings, room: Room, inward: Array) -> list[Support]:
+def _on_side(around: ScanRays, room: Room, inward: Array) -> list[Support]:
     low, high = np.asarray(room.low), np.asarray(room.high)
     axis, other = (2, 0) if inward[2] else (0, 2)
     edge = low[axis] if inward[axis] > 0 else high[axis]
