@@ -4,9 +4,9 @@ Level hits of `Layers` are taken height by height, the most frequent first. Each
 and the largest rectangles in it, parallel to the room or to the surface itself, are judged one by one (`fault`):
 
 - rigid and flat: tilted by at most `TILT`, waves of at most `STIFF` or `STIFFER` times those of the floor;
-- no seat: in the height band of seats, no surface without a gap rises to a back that ends below a wall's height;
+- no seat: in the height band of seats, no back rises from it, without a gap, that ends below a wall's height;
 - no bed: the surface, with all that continues it nearly level, is not larger than a table of its height;
-- no lamp or hood: what is as high as a shelf has something upright behind it.
+- no vessel, no lamp: it is open to more than one side, and what is as high as a shelf has something upright close by.
 
 Colour is not used: it tells nothing about what is rigid.
 """
@@ -74,8 +74,10 @@ SEAT_DEPTH, SEAT_FREE = 0.25, 0.45
 #: What continues a surface within this height (m) belongs to the same body; a low one of these sides (m) is a bed, and
 #: so is a low patch of this area (m²).
 BODY, BED, LARGEST_TABLE = 0.08, (0.75, 1.5), 1.5
-#: What stands behind a shelf is this near (m).
-SHELF_REACH = 0.35
+#: What rises on three sides and has no board this near above it is no compartment of a shelf (m).
+NICHE = 0.5
+#: What stands behind a shelf is this near, and is looked for this far below its top (m).
+SHELF_REACH, SHELF_BELOW = 0.35, 0.12
 _UP = np.array([0.0, 1.0, 0.0])
 
 
@@ -274,8 +276,9 @@ def fault(patch: Patch, around: ScanRays) -> str:
     if band is BANDS[0] and (np.prod(patch.size) > LARGEST_TABLE or (patch.body >= BED).all()):
         return "is as large as a bed"
     shares = [(back_share(patch, around, *side[:3]), side[3]) for side in patch.sides()]
-    if min(share for share, _ in shares) >= BACKED:
-        return "is the inside of a vessel: an edge rises on all sides"
+    rising = sum(share >= BACKED for share, _ in shares)
+    if rising == 4 or (rising == 3 and patch.clearance >= NICHE):
+        return "is the inside of a vessel or shade: an edge rises around it"
     needed = CHAIR_BACKED if patch.size.max() <= CHAIR else BACKED
     seat = relative <= SEAT and patch.clearance >= SEAT_FREE
     if seat and any(share >= needed and depth >= SEAT_DEPTH for share, depth in shares):
@@ -307,12 +310,14 @@ def back_share(patch: Patch, around: ScanRays, normal: Array, along: Array, leng
 
 
 def _is_held(patch: Patch, around: ScanRays) -> bool:
-    """Whether something upright is close behind one side of a high patch, or below it all the way to the floor."""
-    rise = min(0.12, patch.clearance / 2)
+    """Whether a high patch has something upright close by, just below it: a wall, or the sides of its own body.
+
+    Above it, the shade of a lamp would count.
+    """
     for normal, along, length, depth in patch.sides():
         places = np.linspace(-0.4, 0.4, 5)[:, None] * length * along
         edge = patch.middle + normal * (depth / 2 - 0.02) + places
-        if (around.distance(edge + rise * _UP, normal) <= SHELF_REACH).mean() >= 0.6:
+        if (around.distance(edge - SHELF_BELOW * _UP, normal) <= SHELF_REACH).mean() >= BACKED:
             return True
     return False
 
