@@ -43,7 +43,7 @@ class Sole:
     Attributes:
         points: (K, 3) on the model's underside, or on its back, model coordinates.
         away: (3,) the model's axis that points away from the support.
-        feet: (K,) which of them are as low as its feet.
+        feet: (K,) which of them, on a regular grid, are as low as its feet.
     """
 
     points: Array
@@ -69,7 +69,11 @@ class Sole:
         depth = np.maximum(np.minimum(distance.astype(np.float64), 1e3) - REACH, 0.0)
         sole = depth <= SOLE
         starts[:, axis] = lowest + depth
-        return cls(starts[sole], away, depth[sole] <= FOOT)
+        # The rim lies between the points of the grid: corners of the mesh, thinned to half the spacing.
+        rim = corners[corners[:, axis] <= lowest + SOLE]
+        rim = rim[np.unique(np.round(rim / (SPACING / 2)).astype(np.int64), axis=0, return_index=True)[1]]
+        points = np.concatenate([starts[sole], rim])
+        return cls(points, away, np.concatenate([depth[sole] <= FOOT, np.zeros(len(rim), dtype=bool)]))
 
 
 def settle(site: Site, sole: Sole, spot: Spot) -> Spot | str:
@@ -86,7 +90,7 @@ def settle(site: Site, sole: Sole, spot: Spot) -> Spot | str:
     upright = yaw_matrix(spot.yaw)
     arms = sole.points @ upright.T
     normal = upright @ sole.away
-    pivot = arms.mean(axis=0)
+    pivot = arms[sole.feet].mean(axis=0)
     height, known = _surface(site, arms + spot.position, normal)
     if known.mean() < 1 - HOLES:
         return "lie over a hole of the scan"
@@ -98,7 +102,7 @@ def settle(site: Site, sole: Sole, spot: Spot) -> Spot | str:
     turn = Rotation.align_vectors([normal - slope[0] * side - slope[1] * across], [normal])[0] if slope.any() else None
     tilt = np.zeros(3) if turn is None else turn.as_rotvec()
     turned = arms if turn is None else arms @ turn.as_matrix().T
-    position = spot.position + pivot - (turned.mean(axis=0))
+    position = spot.position + pivot - turned[sole.feet].mean(axis=0)
     # The rays again, now that the model is turned: what is left is a shift along the normal.
     height, known = _surface(site, turned + position, normal)
     if not (known & sole.feet).any():
@@ -115,8 +119,7 @@ def _surface(site: Site, points: Array, normal: Array) -> tuple[Array, NDArray[n
     """Height (K,) of the scan above ``points`` (K, 3) along ``normal``, metres, and where it is known."""
     distance, _ = site.caster.closest(points + REACH * normal, np.broadcast_to(-normal, points.shape))
     height = REACH - np.minimum(distance.astype(np.float64), 1e3)
-    middle = float(np.median(height))
-    return height, height >= middle - REACH
+    return height, np.isfinite(distance) & (height >= float(np.median(height)) - REACH)
 
 
 def _supporting_plane(places: Array, height: Array) -> Array | None:

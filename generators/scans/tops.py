@@ -242,9 +242,9 @@ def _turned(mask: Mask, turn: float) -> Array:
 def _lookup(mask: Mask, cells: Array) -> Mask:
     """Whether each of the places (..., 2) lies in ``mask``."""
     index = np.round(cells).astype(np.int64)
-    inside = ((index >= 0) & (index < mask.shape)).all(axis=-1)
+    inside = np.asarray(((index >= 0) & (index < mask.shape)).all(axis=-1))
     index = np.where(inside[..., None], index, 0)
-    return np.asarray(inside & mask[index[..., 0], index[..., 1]], dtype=bool)
+    return inside & mask[index[..., 0], index[..., 1]]
 
 
 def _measured(corner: Array, along: Array, size: Array, clearance: float, body: Array, around: ScanRays) -> Patch:

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from generators.core.scene import Room, Support
-from generators.scans.flatness import NORMAL, fit_plane, flatness, plane_on
+from generators.scans.flatness import fit_plane, flatness, plane_on
 from generators.scans.layers import filled, rectangles, vector
 from generators.scans.tops import ScanRays
 
@@ -25,14 +26,14 @@ BAND = (1.3, 2.1)
 DEPTH = 0.5
 #: Least side of a patch (m).
 LEAST = 0.4
-#: Half the range of depths that may be one plane before it is fitted, and after (m); the latter grows with the scatter
-#: of the wall, which counts up to `SCATTER`.
-ROUGH_PLANE, PLANE, SCATTER = 0.03, 0.008, 0.006
+#: Largest distance from the plane (m), and largest difference between neighbouring rays (m); the latter grows with what
+#: is usual on the wall, up to `SCATTER`.
+ROUGH_PLANE, STEP, SCATTER = 0.03, 0.008, 0.006
 #: Largest slope of a wall against its side of the box: 10°, sideways, and 3°, upwards.
 TURN, LEAN = 0.18, 0.05
 #: Largest wave of a wall (m), as `Flatness.wave`, or in those of the floor: books' backs and folds wave more.
 STIFF, STIFFER, STIFFEST = 0.003, 1.7, 0.005
-#: Largest share of a patch that is not on its plane: sockets and pin-holes.
+#: Least share of a patch that is near its plane; the rest are sockets and pin-holes.
 COVERED = 0.9
 
 
@@ -64,24 +65,36 @@ def _on_side(around: ScanRays, room: Room, inward: Array) -> list[Support]:
     plane = fit_plane(depth, good & (np.abs(depth - common) <= ROUGH_PLANE), CELL)
     if abs(plane[0]) > TURN or abs(plane[1]) > LEAN:
         return []
-    rest = np.abs(depth - plane_on(plane, depth.shape, CELL))
-    scatter = min(NORMAL * float(np.median(rest[good & (rest <= ROUGH_PLANE)])), SCATTER)
-    on_plane = filled(filled(good & (rest <= PLANE + 2.5 * scatter)))
+    rest = depth - plane_on(plane, depth.shape, CELL)
+    near = good & (np.abs(rest) <= ROUGH_PLANE)
+    # A large wall bows, so that it is compared with itself nearby; a frame or a shelf's edge is a step.
+    step = ndimage.maximum_filter(rest, 3) - ndimage.minimum_filter(rest, 3)
+    scatter = min(float(np.median(step[near])) / 2, SCATTER)
+    mask = filled(filled(near & (step <= STEP + 3 * scatter)))
     stiff = min(max(STIFF, STIFFER * around.wave), STIFFEST)
     out = []
-    for r, c, rows, columns in rectangles(on_plane, round(LEAST / CELL), 3):
+    for r, c, rows, columns in rectangles(mask, round(LEAST / CELL), 3):
         block = (slice(r, r + rows), slice(c, c + columns))
-        flat = flatness(depth[block], good[block] & (rest[block] <= ROUGH_PLANE), CELL)
-        if flat.wave > stiff or flat.covered < COVERED or (rest[block] <= ROUGH_PLANE).mean() < COVERED:
+        if near[block].mean() < COVERED or _wave(depth[block], near[block]) > stiff:
             continue
+        flat = flatness(depth[block], near[block], CELL)
         # From its lower corner, along the wall as it is turned, upright. Depth grows away from ``inward``.
-        turn = inward + flat.slope[0] * np.eye(3)[other]
-        normal = turn / np.linalg.norm(turn)
-        origin = starts[r, c] - inward * flat.offset
-        u = np.eye(3)[other] - inward * flat.slope[0]
-        origin = origin - (u + np.array([0.0, 1.0, 0.0])) * CELL / 2
+        sideways = np.eye(3)[other]
+        u = sideways - inward * flat.slope[0]
+        origin = starts[r, c] - inward * flat.offset - (u + np.array([0.0, 1.0, 0.0])) * CELL / 2
+        facing = vector((inward + flat.slope[0] * sideways) / np.linalg.norm(u))
         clearance = round(float(np.percentile(depth[block], 2)), 4)
         rise = (0.0, round(columns * CELL, 4), 0.0)
-        facing = vector(normal)
         out.append(Support("wall", room.name, vector(origin), vector(u * rows * CELL), rise, facing, facing, clearance))
     return out
+
+
+def _wave(depth: Array, known: NDArray[np.bool_]) -> float:
+    """Median wave of the squares of side `LEAST` of a patch (N, M), metres: what an object on it would meet."""
+    side = round(LEAST / CELL)
+    pieces = [
+        (slice(i, i + side), slice(j, j + side))
+        for i in range(0, depth.shape[0] - side + 1, side)
+        for j in range(0, depth.shape[1] - side + 1, side)
+    ]
+    return float(np.median([flatness(depth[piece], known[piece], CELL).wave for piece in pieces]))
