@@ -65,8 +65,9 @@ SEAT, BACK_REACH, BACK_RISES = 0.6, 0.27, (0.14, 0.18, 0.24, 0.30)
 #: A back ends this far above the seat, at least this high above the floor (m): what rises on is a wall, unless it is
 #: this far behind the back (m).
 BACK_TOP, BACK_TOP_ABOVE_FLOOR, BACK_DEPTH = 0.8, 1.3, 0.12
-#: A surface that dips this far below the patch on the way to what rises behind has a gap: it is no back of it (m).
-GAP = 0.07
+#: A surface that dips this far below the patch, over this distance, before what rises behind it has a gap (m): that is
+#: no back of it. Chairs have a narrow one.
+GAP = (0.07, 0.04)
 #: Share of a side along which a back rises; the same for a patch of the size of a chair (m), whose back may be bars.
 BACKED, CHAIR_BACKED, CHAIR = 0.6, 0.3, 0.5
 #: Least depth of a seat before its back, and least free height above it (m).
@@ -302,11 +303,10 @@ def back_share(patch: Patch, around: ScanRays, normal: Array, along: Array, leng
     behind = around.distance(edge + top * _UP, normal)
     # A back may lean: between the patch and where it is met, the surface is looked for from above it.
     start = min(BACK_RISES[-1], patch.clearance - 0.02)
-    between = edge[:, None] + np.linspace(0.15, 0.95, 8)[:, None] * (
-        np.minimum(near, BACK_REACH)[:, None, None] * normal
-    )
-    lowest = (start - around.distance(between + start * _UP, -_UP)).min(axis=1)
-    return float(((near <= BACK_REACH) & (behind >= near + BACK_DEPTH) & (lowest >= -GAP)).mean())
+    steps = np.arange(0.03, BACK_REACH, FINE)
+    height = start - around.distance(edge[:, None] + steps[:, None] * normal + start * _UP, -_UP)
+    gap = ((height < -GAP[0]) & (steps < near[:, None])).sum(axis=1) * FINE
+    return float(((near <= BACK_REACH) & (behind >= near + BACK_DEPTH) & (gap < GAP[1])).mean())
 
 
 def _is_held(patch: Patch, around: ScanRays) -> bool:

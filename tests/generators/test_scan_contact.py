@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from generators.assets.catalogue import build_model, variants
 from generators.core.boxes import yaw_matrix
-from generators.core.rays import RayCaster
 from generators.core.scene import Material, Mesh, Part, Room, Scene, StageFile, Support
 from generators.placement.contact import FLOAT, LEAN, Sole, _supporting_plane, settle
 from generators.placement.placement import place
 from generators.placement.site import Site
 from generators.placement.spots import Spot
+from tests.support.resting import gaps_below
 
 FLOOR = Support("floor", "hall", (-1.5, 0.0, -1.5), (3.0, 0.0, 0.0), (0.0, 0.0, 3.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 WALL = Support("wall", "hall", (-1.5, 1.3, -1.5), (3.0, 0.0, 0.0), (0.0, 0.8, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 1.0))
@@ -63,22 +63,10 @@ def model(category: str):
     return build_model(category, variants(category)[0], np.random.default_rng(1))
 
 
-def gaps(where: Site, mesh: Mesh, spot: Spot) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Below every point of a 5 mm grid: from the object's underside to the floor, and from its lowest point, metres."""
-    from scipy.spatial.transform import Rotation
-
+def posed(mesh: Mesh, spot: Spot) -> Mesh:
+    """The model at a spot, world coordinates."""
     turn = Rotation.from_rotvec(spot.tilt).as_matrix() @ yaw_matrix(spot.yaw)
-    moved = mesh.transformed(turn, spot.position)
-    low, high = moved.bounds.astype(np.float64)
-    grid = np.meshgrid(*(np.arange(a, b, 0.005) for a, b in zip(low[[0, 2]], high[[0, 2]], strict=True)), indexing="ij")
-    x, z = (g.reshape(-1) for g in grid)
-    start = np.stack([x, np.full(len(x), low[1] - 0.2), z], axis=1)
-    up = np.broadcast_to([0.0, 1.0, 0.0], start.shape)
-    under = low[1] - 0.2 + np.minimum(RayCaster(moved.positions).closest(start, up)[0].astype(np.float64), 1e3)
-    start[:, 1] = low[1] + 0.1
-    floor = low[1] + 0.1 - np.minimum(where.caster.closest(start, -up)[0].astype(np.float64), 1e3)
-    near = under < low[1] + 0.03
-    return (under - floor)[near], under[near] - low[1]
+    return mesh.transformed(turn, spot.position)
 
 
 @pytest.mark.parametrize("category", ["washing_machine", "kettle", "fan", "telephone"])
@@ -93,7 +81,7 @@ def test_objects_touch_a_noisy_floor_and_never_cut_into_it(category: str, scale:
         if isinstance(spot, str):
             assert scale == 0.003, "refused on a smooth floor"
             continue
-        gap, height = gaps(where, mesh, spot)
+        gap, height = gaps_below(posed(mesh, spot), where.caster)
         assert gap.min() > -0.0003 - 0.15 * scale, "cuts in between the measured points"
         assert gap.min() < 0.001, "touches nothing"
         assert np.median(gap[height < 0.01]) < FLOAT + scale + 0.003
@@ -108,7 +96,7 @@ def test_an_object_leans_with_the_floor(slope: float) -> None:
     assert isinstance(spot, Spot)
     # Up to the right: turned about +Z.
     assert spot.tilt == pytest.approx((0.0, 0.0, np.arctan(slope)), abs=1e-4)
-    gap, height = gaps(where, mesh, spot)
+    gap, height = gaps_below(posed(mesh, spot), where.caster)
     assert np.abs(gap[height < 0.02]).min() < 0.0005
     assert gap.min() > -0.0005
 
@@ -130,11 +118,8 @@ def test_a_clock_hangs_on_the_wall_and_not_in_it() -> None:
     low = float(mesh.bounds[0, 2])
     spot = settle(where, Sole.of(mesh, wall=True), Spot(WALL, np.array([0.3, 1.7, -1.495 - low]), 0.0, 0.0))
     assert isinstance(spot, Spot)
-    from scipy.spatial.transform import Rotation
-
-    points = mesh.positions.reshape(-1, 3) @ Rotation.from_rotvec(spot.tilt).as_matrix().T + spot.position
-    gap = points[:, 2] + 1.5 - bumps(points[:, 0], points[:, 1])
-    assert -0.0007 < gap.min() < 0.001
+    gap, _ = gaps_below(posed(mesh, spot), where.caster, (0.0, 0.0, 1.0))
+    assert -0.0005 < gap.min() < 0.001
 
 
 def test_the_plane_of_rest_is_the_lowest_over_the_middle() -> None:
