@@ -77,7 +77,7 @@ class Motion:
         A ray with direction ``ways`` (N, 3) is blocked by a hit nearer than ``distance`` direction lengths.
         """
         # The rays are moved to the object's own frame, so that its ray caster is built only once.
-        turn = yaw_matrix(where.yaw)
+        turn = where.rotation
         return self._caster.occluded((origins - np.asarray(where.position)) @ turn, ways @ turn, distance)
 
     @cached_property
@@ -125,7 +125,7 @@ def plan_motion(site: Site, placements: Sequence[Placement], index: int, *, seco
     Raises:
         Avs3dError: one line, if the object hangs on a wall or has no room to move.
     """
-    source = placements[index]
+    source = _upright(site, placements[index])
     others = [placement.box.grown(ELBOW_ROOM) for number, placement in enumerate(placements) if number != index]
     kind = source.support.kind
     if kind == "wall":
@@ -139,6 +139,16 @@ def plan_motion(site: Site, placements: Sequence[Placement], index: int, *, seco
         positions, yaws = _along_top(site, source, others, seconds, rng)
     x, y, z = (float(c) for c in positions[0])
     return Motion(index, replace(source, position=(x, y, z), yaw=float(yaws[0])), positions, yaws)
+
+
+def _upright(site: Site, source: Placement) -> Placement:
+    """``source`` without its tilt: an object that moves over a scan stays upright, on the highest point below it."""
+    if not any(source.tilt):
+        return source
+    origin = np.asarray(source.position)[None]
+    _, settled = standing(site, source.model.mesh, origin, np.array([source.yaw]))
+    x, y, z = (float(c) for c in (settled[0] if len(settled) else origin[0]))
+    return replace(source, position=(x, y, z), tilt=(0.0, 0.0, 0.0))
 
 
 def _over_floor(

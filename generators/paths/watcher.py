@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from avs3d_bench.geometry import Pose
-from generators.core.boxes import yaw_matrix
 from generators.core.rays import RayCaster
 from generators.core.scene import Mesh
 from generators.paths import gaze
@@ -136,7 +135,7 @@ class MovingWatcher:
         Returns:
             (n, S) bool, and the samples (S, 3).
         """
-        points = self._points @ yaw_matrix(source.yaw).T + np.asarray(source.position)
+        points = self._points @ source.rotation.T + np.asarray(source.position)
         starts, ends = np.repeat(eyes, len(points), axis=0), np.tile(points, (len(eyes), 1))
         hidden = self.caster.occluded(starts, ends - starts, 0.999)
         hidden |= self._motion.occluded(source, starts, ends - starts, 0.999)

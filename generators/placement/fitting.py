@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,15 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from generators.core.boxes import UprightBox, yaw_matrix
 from generators.core.freespace import CELL, SENSOR_HEIGHT, FreeSpace, distance_to_polygon
-from generators.core.scene import Mesh
+from generators.core.scene import Mesh, SupportKind
 from generators.placement.site import Site
 
 Array = NDArray[np.float64]
 
 #: Depth (m) to which a triangle may reach into an object's box: contact is not collision.
 SKIN = 0.002
-#: In a scan, this many standard deviations of its surface are added to that depth.
-ROUGH_SKIN = 3.5
+#: In a scan, bumps of the support between an object's feet may reach this far up (in from the wall) below it (m).
+BUMPS = 0.012
 #: Least distance between objects (m).
 ELBOW_ROOM = 0.03
 #: Least distance of an object from a doorway (m).
@@ -37,16 +37,23 @@ _EYES = 80
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """An object at a possible place: its box, (S, 3) points spread over its front, and its yaw."""
+    """An object at a possible place: its box, (S, 3) points spread over its front, and a small tilt of the box.
+
+    The tilt (3, 3), about the box's centre, is None for an upright object.
+    """
 
     box: UprightBox
     fronts: Array
+    tilt: Array | None = None
 
     @classmethod
-    def of(cls, mesh: Mesh, fronts: Array, position: ArrayLike, yaw: float) -> Body:
-        """``mesh`` and its ``fronts`` (`front_points`) placed at ``position``, turned by ``yaw``."""
-        world = fronts @ yaw_matrix(yaw).T + np.asarray(position, dtype=np.float64)
-        return cls(UprightBox.around(mesh, position, yaw), world)
+    def of(cls, mesh: Mesh, fronts: Array, position: ArrayLike, yaw: float, tilt: Array | None = None) -> Body:
+        """``mesh`` and its ``fronts`` (`front_points`) placed at ``position``, turned by ``yaw``, then by ``tilt``."""
+        origin = np.asarray(position, dtype=np.float64)
+        world = fronts @ yaw_matrix(yaw).T
+        if tilt is not None:
+            world = world @ tilt.T
+        return cls(turned_about(UprightBox.around(mesh, position, yaw), position, tilt), world + origin, tilt)
 
     @property
     def centre(self) -> Array:
@@ -61,11 +68,17 @@ class RoomFitting:
         self.site = site
         self._before = site.space.largest()
 
-    def fault_alone(self, body: Body, *, on_floor: bool) -> str:
-        """The reason why an object does not fit even without the others; "" if it fits."""
-        if self.site.collides(body.box.grown(-SKIN - ROUGH_SKIN * self.site.noise)):
+    def fault_alone(self, body: Body, kind: SupportKind) -> str:
+        """The reason why an object on a support of ``kind`` does not fit even without the others; "" if it fits."""
+        box = body.box
+        if self.site.scanned:
+            # It touches the support already: bumps between its feet are no collision.
+            towards = yaw_matrix(box.yaw)[:, 2] if kind == "wall" else np.array([0.0, 1.0, 0.0])
+            less = np.minimum(BUMPS * (np.array([0, 0, 1]) if kind == "wall" else np.array([0, 1, 0])), box.half) / 2
+            box = UprightBox(box.centre + less.sum() * towards, box.half - less, box.yaw)
+        if self.site.collides(box.grown(-SKIN), body.tilt):
             return "collide with the room"
-        if on_floor:
+        if kind == "floor":
             for door in self.site.doors:
                 if distance_to_polygon(door, body.box.footprint).min() < DOOR_ZONE:
                     return "stand in a doorway"
@@ -120,6 +133,14 @@ class RoomFitting:
         bearings = np.degrees(np.arctan2(*(eyes[sees] - body.centre[[0, 2]]).T))
         ahead = (bearings - math.degrees(yaw) + 180) % 360 - 180
         return bool(np.ptp(ahead) < VIEW_SPREAD)
+
+
+def turned_about(box: UprightBox, origin: ArrayLike, tilt: Array | None) -> UprightBox:
+    """``box`` with its centre turned by a small ``tilt`` (3, 3) about ``origin`` (3,); it stays upright itself."""
+    if tilt is None:
+        return box
+    about = np.asarray(origin, dtype=np.float64)
+    return replace(box, centre=tilt @ (box.centre - about) + about)
 
 
 def front_points(mesh: Mesh, count: int = 24) -> Array:

@@ -20,11 +20,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from avs3d_bench.errors import Avs3dError
 from generators.core.boxes import UprightBox, yaw_matrix
 from generators.core.scene import Mesh, Part, Support, SupportKind
-from generators.placement.fitting import Body, RoomFitting, front_points
+from generators.placement.contact import Sole, settle
+from generators.placement.fitting import Body, RoomFitting, front_points, turned_about
 from generators.placement.site import Site
 from generators.placement.spots import Spot, against_wall, on_top, on_wall, open_floor
 
@@ -118,6 +120,7 @@ class Placement:
         support: the surface on which it stands or hangs.
         position: world coordinates of the model's origin, metres.
         yaw: radians about +Y; the front looks along (sin yaw, 0, cos yaw).
+        tilt: rotation vector (radians, world axes) applied after the yaw; zero but on scans, where it is at most 2°.
         relaxed: which constraint was relaxed ("" = none).
     """
 
@@ -126,16 +129,23 @@ class Placement:
     position: Vector
     yaw: float
     relaxed: str = ""
+    tilt: Vector = (0.0, 0.0, 0.0)
+
+    @property
+    def rotation(self) -> Array:
+        """(3, 3) rotation from the model's axes to the world's."""
+        turn = tilt_matrix(self.tilt)
+        return yaw_matrix(self.yaw) if turn is None else np.asarray(turn @ yaw_matrix(self.yaw))
 
     @cached_property
     def mesh(self) -> Mesh:
         """The mesh in world coordinates."""
-        return self.model.mesh.transformed(yaw_matrix(self.yaw), np.asarray(self.position))
+        return self.model.mesh.transformed(self.rotation, np.asarray(self.position))
 
     @property
     def source_position(self) -> Vector:
         """(3,) position of its sound source, world coordinates, metres."""
-        x, y, z = yaw_matrix(self.yaw) @ np.asarray(self.model.source_point) + np.asarray(self.position)
+        x, y, z = self.rotation @ np.asarray(self.model.source_point) + np.asarray(self.position)
         return float(x), float(y), float(z)
 
     @property
@@ -145,8 +155,9 @@ class Placement:
 
     @cached_property
     def box(self) -> UprightBox:
-        """The upright bounding box, turned by its yaw."""
-        return UprightBox.around(self.model.mesh, self.position, self.yaw)
+        """The upright bounding box, turned by its yaw; of a tilted object that of its upright pose, at its centre."""
+        upright = UprightBox.around(self.model.mesh, self.position, self.yaw)
+        return turned_about(upright, self.position, tilt_matrix(self.tilt))
 
     @property
     def front(self) -> Array:
@@ -237,7 +248,7 @@ class Placer:
             Avs3dError: if the room has no places for them.
         """
         self.refused.clear()
-        bodies = [_body(other.model, other.position, other.yaw) for other in placed]
+        bodies = [_body(other.model, other.position, other.yaw, other.tilt) for other in placed]
         if count == 1:
             return [self._single(model, placed, bodies, rng)]
         tiers = [_Pool(self, model, spots) for spots in self.spots(model, rng)]
@@ -361,33 +372,46 @@ class _Pool:
     """The fitting spots of one tier, tested on demand and thinned out."""
 
     def __init__(self, placer: Placer, model: Model, spots: Sequence[Spot]) -> None:
-        self.spots = spots
+        self.spots = list(spots)
         self._placer, self._model = placer, model
         self._fronts = front_points(model.mesh)
         self._known: list[str | Body | None] = [None] * len(spots)
+        self._soles: dict[bool, Sole] = {}
         self._positions = np.array([spot.position for spot in spots], dtype=np.float64).reshape(-1, 3)
 
     def _judge(self, index: int) -> Body | None:
-        known, spot = self._known[index], self.spots[index]
+        known = self._known[index]
         if known is None:
-            body = Body.of(self._model.mesh, self._fronts, spot.position, spot.yaw)
-            reason = self._placer.fitting.fault_alone(body, on_floor=spot.support.kind == "floor")
-            known = self._known[index] = reason or body
-            if reason:
-                self._placer.refused[reason] += 1
+            known = self._known[index] = self._tested(index)
+            if isinstance(known, str):
+                self._placer.refused[known] += 1
         return None if isinstance(known, str) else known
+
+    def _tested(self, index: int) -> str | Body:
+        """The model at a spot, which is settled first if the room is a scan; or the reason why it does not fit."""
+        spot, site = self.spots[index], self._placer.site
+        if site.scanned:
+            wall = spot.support.kind == "wall"
+            if wall not in self._soles:
+                self._soles[wall] = Sole.of(self._model.mesh, wall=wall)
+            settled = settle(site, self._soles[wall], spot)
+            if isinstance(settled, str):
+                return settled
+            spot = self.spots[index] = settled
+        body = Body.of(self._model.mesh, self._fronts, spot.position, spot.yaw, tilt_matrix(spot.tilt))
+        return self._placer.fitting.fault_alone(body, spot.support.kind) or body
 
     def first(self, most: int) -> list[Fit]:
         """The first ``most`` spots that fit and are not next to an earlier one."""
         out: list[Fit] = []
         kept: list[int] = []
-        for index, spot in enumerate(self.spots):
+        for index in range(len(self.spots)):
             if len(out) == most:
                 break
             if _is_apart(self._positions[index], self._positions[kept]):
                 body = self._judge(index)
                 if body is not None:
-                    out.append((spot, body))
+                    out.append((self.spots[index], body))
                     kept.append(index)
         return out
 
@@ -398,7 +422,7 @@ class _Pool:
             if near <= float(np.linalg.norm(box.centre - centre)) <= far:
                 body = self._judge(index)
                 if body is not None:
-                    yield spot, body
+                    yield self.spots[index], body
 
 
 def _sorted(tiers: Sequence[Sequence[Spot]]) -> list[list[Spot]]:
@@ -421,8 +445,13 @@ def _partners(model: Model, placed: Sequence[Placement]) -> list[Placement]:
     return [placement for placement in placed if placement.model.category == wanted]
 
 
-def _body(model: Model, position: ArrayLike, yaw: float) -> Body:
-    return Body.of(model.mesh, front_points(model.mesh), position, yaw)
+def _body(model: Model, position: ArrayLike, yaw: float, tilt: Vector) -> Body:
+    return Body.of(model.mesh, front_points(model.mesh), position, yaw, tilt_matrix(tilt))
+
+
+def tilt_matrix(tilt: Vector) -> Array | None:
+    """(3, 3) rotation of a rotation vector (radians); None for no rotation."""
+    return np.asarray(Rotation.from_rotvec(tilt).as_matrix()) if any(tilt) else None
 
 
 def _size(model: Model) -> str:
@@ -431,4 +460,4 @@ def _size(model: Model) -> str:
 
 def _placement(model: Model, spot: Spot) -> Placement:
     x, y, z = (float(c) for c in spot.position)
-    return Placement(model, spot.support, (x, y, z), spot.yaw)
+    return Placement(model, spot.support, (x, y, z), spot.yaw, tilt=spot.tilt)

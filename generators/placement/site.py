@@ -71,13 +71,18 @@ class Site:
             np.ascontiguousarray(self.triangles.max(axis=1).T),
         )
 
+    @property
+    def scanned(self) -> bool:
+        """Whether the scene is a scan, whose surfaces ripple and have holes."""
+        return self.scene.stage is not None
+
     @cached_property
     def noise(self) -> float:
         """Standard deviation of a scan's surface about the true surface, metres; 0 for a scene that is not a scan.
 
         Measured on the free floor: heights on a 2.5 cm grid against the median of the 30 cm around each.
         """
-        if self.scene.stage is None or not len(self.space.points):
+        if not self.scanned or not len(self.space.points):
             return 0.0
         low, high = self.space.points.min(axis=0), self.space.points.max(axis=0)
         x, z = (np.arange(a, b + 1e-9, 0.025) for a, b in zip(low, high, strict=True))
@@ -91,13 +96,19 @@ class Site:
         rest = rest[self.space.contains(grid) & (np.abs(height) <= 0.05)]
         return float(min(1.4826 * np.median(np.abs(rest)), NOISIEST)) if len(rest) >= 50 else 0.0
 
-    def collides(self, box: UprightBox) -> bool:
-        """Whether the solid box meets a triangle of the room."""
+    def collides(self, box: UprightBox, tilt: Array | None = None) -> bool:
+        """Whether the solid box meets a triangle of the room; ``tilt`` (3, 3) turns the box about its centre first."""
         low, high = self._extents
         near = np.ones(len(self.triangles), dtype=bool)
-        for axis, (least, most) in enumerate(box.bounds.T):
+        reach = (
+            box if tilt is None else box.grown(float(np.linalg.norm(box.half) * np.linalg.norm(tilt - np.eye(3), 2)))
+        )
+        for axis, (least, most) in enumerate(reach.bounds.T):
             near &= (low[axis] <= most) & (high[axis] >= least)
-        return bool(box.hits_triangles(self.triangles[near]).any())
+        triangles = self.triangles[near]
+        if tilt is not None:
+            triangles = ((triangles.astype(np.float64) - box.centre) @ tilt + box.centre).astype(np.float32)
+        return bool(box.hits_triangles(triangles).any())
 
     @property
     def name(self) -> str:

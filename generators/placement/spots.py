@@ -1,8 +1,9 @@
 """Spots: places on a support where a model could stand or hang in a room.
 
 Everything is measured on the room's triangles by ray casting, so that modelled flats and noisy scans are treated alike.
-A spot already touches its support (the gap is `CONTACT`); generators/placement/fitting.py tests whether it collides,
-blocks the way or is hidden.
+A spot already touches its support (the gap is `CONTACT`); on a scan, where it touches a few measured points, it is
+settled later (generators/placement/contact.py). generators/placement/fitting.py tests whether it collides, blocks the
+way or is hidden.
 """
 
 from __future__ import annotations
@@ -32,12 +33,10 @@ BACK_FLATNESS = 0.030
 RECESS = 0.12
 #: Largest distance of a wall from the side of the room's box (m); a scan's box is drawn by hand.
 BOX_SLACK = 0.25
-#: Extra distances from the wall (m) that are tried: a scanned wall is rougher than the few measuring rays show.
-_EASE = (0.0, 0.006, 0.012)
+#: Extra distances from the wall (m) that are tried; more on a scan, whose wall is rougher than the few rays show.
+_EASE, _SCAN_EASE = (0.0, 0.006, 0.012), (0.0, 0.006, 0.012, 0.02, 0.03)
 #: On a scan, whose surface is rough, this many of its standard deviations are added to all of these tolerances.
 ROUGH = 5.0
-#: On a scan, an object rests at this quantile of the measured distances below (behind) it, not on the highest bump.
-SETTLED = 0.8
 #: On a scan, share of the measuring rays that may go through holes.
 HOLES = 0.16
 #: Spacing of the candidate spots (m).
@@ -46,12 +45,16 @@ SPACING = 0.04
 
 @dataclass(frozen=True, eq=False)
 class Spot:
-    """One candidate place: the model's origin and yaw on a support; spots are tried in ascending ``rank``."""
+    """One candidate place: the model's origin and yaw on a support; spots are tried in ascending ``rank``.
+
+    ``tilt`` is a rotation vector (radians, world axes), applied after the yaw: a scanned surface is not quite level.
+    """
 
     support: Support
     position: Array
     yaw: float
     rank: float
+    tilt: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,18 +122,23 @@ def standing(
 
 
 def _level(height: Array, noise: float) -> tuple[Array, NDArray[np.bool_]]:
-    """Find the resting level (N,) from the hits of rays (N, K), and whether the surface is level enough (N,).
+    """Find the height (N,) of first contact from the hits of rays (N, K), and whether the surface is flat (N,).
 
-    On modelled geometry the level is the highest point, and no point may be more than `FLATNESS` lower. On a scan,
-    bumps of its noise reach invisibly into the object, and a few rays may go through holes.
+    The K rays form a square grid. On modelled geometry the surface is also level: no point may be more than `FLATNESS`
+    lower than the highest. On a scan it may be tilted, for objects are, too (generators/placement/contact.py),
+    and a few rays may go through holes.
     """
     top = height.max(axis=1)
     if noise <= 0:
         return top, top - height.min(axis=1) <= FLATNESS
-    holes = height < np.median(height, axis=1, keepdims=True) - 0.05
-    known = np.where(holes, np.nan, height)
-    rough = np.nanmax(known, axis=1) - np.nanmin(known, axis=1) <= FLATNESS + ROUGH * noise
-    return np.nanquantile(known, SETTLED, axis=1), rough & (holes.mean(axis=1) <= HOLES)
+    middle = np.median(height, axis=1, keepdims=True)
+    holes = height < middle - 0.05
+    known = np.where(holes, middle, height)
+    side = math.isqrt(height.shape[1])
+    terms = np.column_stack([*(index.reshape(-1) for index in np.indices((side, side))), np.ones(side * side)])
+    rest = np.where(holes, 0.0, known - known @ (terms @ np.linalg.pinv(terms)).T)
+    rough = np.ptp(rest, axis=1) <= FLATNESS + ROUGH * noise
+    return known.max(axis=1), rough & (holes.mean(axis=1) <= HOLES)
 
 
 def on_top(site: Site, mesh: Mesh, support: Support, rng: Generator, *, jitter: float, rear: float) -> list[Spot]:
@@ -233,7 +241,7 @@ def against_wall(site: Site, mesh: Mesh, support: Support, rng: Generator, *, ga
         faces = (cells[picked] - n * nearest[picked, None]) @ n
         side_of_box = max(np.array(corner) @ -n for corner in itertools.product(*zip(*outline, strict=True)))
         ranks = rng.uniform(0.0, 0.9, len(picked)) + (side_of_box + faces > BOX_SLACK)
-        for rank, ease in enumerate(_EASE):
+        for rank, ease in enumerate(_SCAN_EASE if site.scanned else _EASE):
             eased = origins[picked] + ease * np.array([n[0], 0.0, n[1]])
             stands, settled = standing(site, mesh, eased, np.full(len(picked), yaw))
             spots += [Spot(support, p, yaw, float(ranks[i]) + 2.0 * rank) for i, p in zip(stands, settled, strict=True)]
@@ -280,6 +288,10 @@ def on_wall(site: Site, mesh: Mesh, support: Support, rng: Generator, *, heights
     length = np.array([np.linalg.norm(u), np.linalg.norm(v)])
     a, b = (np.arange(0.0, n + 1e-9, SPACING) / max(n, 1e-9) for n in length)
     ab = np.stack([g.reshape(-1) for g in np.meshgrid(a, b, indexing="ij")], axis=1)
+    if site.scanned and math.isfinite(support.clearance):
+        # Beyond the patch the wall is not free, or none: the whole model hangs on the patch.
+        half = (mesh.bounds[1] - mesh.bounds[0])[:2].astype(np.float64) / 2
+        ab = ab[(np.minimum(ab, 1 - ab) * length >= half - 0.005).all(axis=1)]
     centres = origin + ab[:, :1] * u + ab[:, 1:] * v
     above = centres[:, 1] - site.space.floor
     centres = centres[(above >= heights[0]) & (above <= heights[1])]

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from generators.acoustics.materialfile import MaterialFile
 from generators.core.scene import Mesh, Room
 from generators.scans.annotations import AnnotatedObject, Annotations
-from generators.scans.patches import LEVEL
 
 Array = NDArray[np.float64]
 
+#: |cosine| of the slope of a level face.
+LEVEL = 0.8
 #: Label of a face if nothing is known.
 DEFAULT_LABEL = "plaster"
 FLOOR_LABEL = "parquet"

@@ -10,7 +10,7 @@ import trimesh
 
 from avs3d_bench.errors import Avs3dError
 from generators.core.scene import Scene, Support
-from generators.scans.patches import largest_rectangle, rectangles
+from generators.scans.layers import largest_rectangle, rectangles
 from generators.scans.scan import Axes, load_scan
 
 BOX = [[-2.0, 0.0, -1.5], [2.0, 2.5, 1.5]]
