@@ -37,8 +37,7 @@ def decay_curve(response: NDArray[np.floating]) -> NDArray[np.float64]:
     remaining = np.cumsum(energy[::-1])[::-1]
     if len(remaining) == 0 or not remaining[0] > 0:
         return np.full(len(remaining), -np.inf)
-    with np.errstate(divide="ignore"):
-        return np.asarray(10 * np.log10(remaining / remaining[0]))
+    return _decibels(remaining)
 
 
 def t30(response: NDArray[np.floating], sample_rate: int) -> float | None:
@@ -50,7 +49,23 @@ def t30(response: NDArray[np.floating], sample_rate: int) -> float | None:
     """
     if not np.isfinite(response).all():
         return None
-    curve = decay_curve(response)
+    return _fit(decay_curve(response), sample_rate)
+
+
+def fit_decay(remaining: NDArray[np.floating], rate: float) -> float | None:
+    """T30 in s of the energy that remains (n,), any unit, at ``rate`` values per second; None as in `t30`."""
+    if len(remaining) == 0 or not remaining[0] > 0:
+        return None
+    return _fit(_decibels(remaining), rate)
+
+
+def _decibels(remaining: NDArray[np.floating]) -> NDArray[np.float64]:
+    with np.errstate(divide="ignore"):
+        return np.asarray(10 * np.log10(np.maximum(remaining / remaining[0], 0.0)))
+
+
+def _fit(curve: NDArray[np.float64], sample_rate: float) -> float | None:
+    """The time of 60 dB at the slope between −5 and −35 dB of ``curve`` (n,), dB."""
     inside = np.flatnonzero((curve <= _FIT_FROM) & (curve >= _FIT_TO))
     if len(inside) < 20 or not np.any(curve < _FIT_TO):
         return None

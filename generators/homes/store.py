@@ -62,7 +62,7 @@ def _open_scan(plan: ObservationPlan) -> Scene:
         licence=Licence(spec.licence.name, spec.licence.author, spec.licence.source) if spec.licence else None,
         axes=Axes(spec.up, spec.front),
         textures=textures,
-        materials=plan.material_file,
+        acoustics=_acoustics(plan),
         need=(room,),
     )
     _scan_cache.clear()

@@ -1,0 +1,156 @@
+"""Holes of a scan closed for sound alone: a shell behind its surfaces.
+
+A scan has holes: behind furniture, where the phone did not look, in windows and mirrors; often the whole ceiling is
+missing. Sound would leave by them as through open windows. So a closed shell stands around all of the scan:
+
+1. Plan: the columns of a 5 cm grid in which the scan has a surface, and those of the rooms' boxes. Gaps up to 40 cm are
+   closed, areas that are surrounded filled, parts that no room touches left out. If the scan shows but one room, the
+   plan ends 35 cm outside the room's box: what was scanned through a door or a window is no room.
+2. Shell: upright 20 cm outside the plan, level 20 cm below the lowest and above the highest surface. Where no surface
+   is above most of the rooms' area, their ceiling is missing: the shell is then the ceiling, at the top of their boxes.
+   The same holds for the floor.
+
+In a flat, doorways between rooms lie inside the shell and stay open. In a single room every opening is closed, a
+doorway, too: most openings of a scan are places that were not scanned.
+
+The shell is farther from a room than what `generators.acoustics.geometry.faces_of_room` takes for the room's own, so
+that it does not count twice in mean absorptions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from generators.core.rays import RayCaster
+from generators.core.scene import Room
+from generators.scans.ray_walk import escaped_share
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Side of a column of the plan (m).
+CELL = 0.05
+#: Distance between the scanned surfaces and the shell (m).
+BEHIND = 0.2
+#: Gaps of the plan that are closed (m).
+_GAP = 0.4
+#: A plan of one room ends this far outside its box (m), if the scan has less than this share of the box outside that.
+_OUTSIDE, _ALONE = 0.35, 0.5
+#: Share of the heights of a scan's surfaces that are below or above all others: strays (%).
+_STRAY = 0.2
+#: Share of the rooms' area without a surface above (below) from which on the ceiling (floor) is missing.
+_MISSING = 0.5
+#: Distance of the shell from a missing ceiling (m).
+_LID = 0.01
+
+
+class Backing(NamedTuple):
+    """The shell: (N, 3, 3) triangles in metres, and the place of each, (N,): ``floor``, ``wall`` or ``ceiling``."""
+
+    triangles: Array
+    places: NDArray[np.str_]
+
+
+def backing_of(triangles: Array, rooms: Sequence[Room]) -> Backing:
+    """The shell around a scan; none if no ray finds a hole.
+
+    Args:
+        triangles: (A, 3, 3) all its surfaces.
+        rooms: those that are known; without one there is no shell.
+    """
+    none = Backing(np.zeros((0, 3, 3)), np.zeros(0, dtype="<U8"))
+    if not rooms or not len(triangles):
+        return none
+    caster = RayCaster(triangles)
+    if escaped_share(caster, triangles, rooms) == 0:
+        return none
+    low, high = _bounds(triangles, caster, rooms)
+    plan = _plan(caster, rooms, low, high)
+    x, z = (low[axis] + CELL * np.arange(plan.shape[k] + 1) for k, axis in enumerate((0, 2)))
+    quads: list[list[list[float]]] = []
+    for y in (low[1], high[1]):
+        quads += [[[x[a], y, z[b]] for a, b in ((r, s), (e, s), (e, t), (r, t))] for r, e, s, t in rectangles_of(plan)]
+    slabs = len(quads) // 2
+    for axis, grid in ((0, plan), (2, plan.T)):
+        turns = np.diff(np.pad(grid, ((1, 1), (0, 0))).astype(np.int8), axis=0) != 0
+        lines, along = (x, z) if axis == 0 else (z, x)
+        for line in range(len(turns)):
+            for _, _, first, last in rectangles_of(turns[line][None]):
+                ends = [along[k] for k in (first, last, last, first)]
+                heights = [low[1], low[1], high[1], high[1]]
+                points = zip(ends, heights, strict=True)
+                quads.append([[lines[line], y, c] if axis == 0 else [c, y, lines[line]] for c, y in points])
+    corners = np.array(quads, dtype=np.float64)
+    places = np.array(["floor"] * slabs + ["ceiling"] * slabs + ["wall"] * (len(quads) - 2 * slabs))
+    return Backing(corners[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3), np.repeat(places, 2))
+
+
+def _bounds(triangles: Array, caster: RayCaster, rooms: Sequence[Room]) -> tuple[Array, Array]:
+    """Lowest and highest corner: the shell's height, in plan with a margin."""
+    points = triangles.reshape(-1, 3)
+    boxes = np.array([[room.low, room.high] for room in rooms])
+    floor, ceiling = float(boxes[..., 1].min()), float(boxes[..., 1].max())
+    bottom, top = np.percentile(points[:, 1], [_STRAY, 100 - _STRAY])
+    margin = _GAP + BEHIND + 2 * CELL
+    low = np.minimum(points.min(axis=0), boxes[:, 0].min(axis=0)) - margin
+    high = np.maximum(points.max(axis=0), boxes[:, 1].max(axis=0)) + margin
+    low[1] = min(floor, bottom) - (_LID if _is_missing(caster, rooms, -1.0) else BEHIND)
+    high[1] = max(ceiling, top) + (_LID if _is_missing(caster, rooms, 1.0) else BEHIND)
+    return low, high
+
+
+def _is_missing(caster: RayCaster, rooms: Sequence[Room], way: float) -> bool:
+    """Whether most vertical rays from the middle of the rooms go up (``way`` 1) or down (−1) without an end."""
+    share = (np.arange(20) + 0.5) / 20
+    grid = np.stack(np.meshgrid(share, [0.5], share, indexing="ij"), axis=-1).reshape(-1, 3)
+    start = np.concatenate([np.add(room.low, grid * np.subtract(room.high, room.low)) for room in rooms])
+    _, face = caster.closest(start, np.broadcast_to([0.0, way, 0.0], start.shape))
+    return float((face < 0).mean()) >= _MISSING
+
+
+def _plan(caster: RayCaster, rooms: Sequence[Room], low: Array, high: Array) -> Mask:
+    """(X, Z) the columns inside the shell, from the corner ``low``."""
+    count = np.ceil((high - low) / CELL).astype(np.int64)[[0, 2]]
+    x, z = (low[axis] + CELL * (np.arange(number) + 0.5) for axis, number in zip((0, 2), count, strict=True))
+    at = np.stack(np.meshgrid(x, z, indexing="ij"), axis=-1).reshape(-1, 2)
+    start = np.insert(at, 1, high[1] + 1.0, axis=1)
+    _, face = caster.closest(start, np.broadcast_to([0.0, -1.0, 0.0], start.shape))
+    found = (face >= 0).reshape(len(x), len(z))
+
+    def boxes(margin: float) -> Mask:
+        out = np.zeros(found.shape, dtype=bool)
+        for room in rooms:
+            inside = [(c >= room.low[k] - margin) & (c <= room.high[k] + margin) for c, k in ((x, 0), (z, 2))]
+            out |= inside[0][:, None] & inside[1]
+        return out
+
+    own, around = boxes(0.0), boxes(_OUTSIDE)
+    if len(rooms) == 1 and (found & ~around).sum() < _ALONE * own.sum():
+        found &= around
+    closed = ndimage.binary_closing(found | own, np.ones((3, 3)), iterations=round(_GAP / 2 / CELL))
+    parts, number = ndimage.label(ndimage.binary_fill_holes(closed | own))
+    kept = np.zeros(number + 1, dtype=bool)
+    kept[np.unique(parts[own])] = True
+    kept[0] = False
+    return np.asarray(ndimage.binary_dilation(kept[parts], np.ones((3, 3)), iterations=round(BEHIND / CELL)))
+
+
+def rectangles_of(mask: Mask) -> list[tuple[int, int, int, int]]:
+    """Disjoint rectangles [first, last) × [first, last) that cover ``mask`` (R, C) exactly.
+
+    Runs along each row; equal runs of consecutive rows are one rectangle.
+    """
+    done: list[tuple[int, int, int, int]] = []
+    growing: dict[tuple[int, int], int] = {}
+    for row in range(mask.shape[0] + 1):
+        line = mask[row] if row < mask.shape[0] else np.zeros(mask.shape[1], dtype=bool)
+        turns = np.flatnonzero(np.diff(np.pad(line, 1).astype(np.int8))).reshape(-1, 2)
+        runs = {(int(a), int(b)) for a, b in turns}
+        done += [(first, row, *run) for run, first in sorted(growing.items()) if run not in runs]
+        growing = {run: growing.get(run, row) for run in runs}
+    return done
