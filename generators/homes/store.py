@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from generators.core.scene import Licence, Scene
 from generators.homes.cache import cached_scene
 from generators.plan import ObservationPlan
+
+if TYPE_CHECKING:
+    from generators.scans.scan import ScanAcoustics
 
 #: The scan that this process opened last, by its digest.
 _scan_cache: dict[str, Scene] = {}
@@ -40,6 +44,19 @@ def open_home(plan: ObservationPlan, folder: Path, *, workers: int = 1) -> Scene
         scene = cached_scene(folder, plan.home_digest, build, plan.options.device)
     scene.room(plan.spec.room)
     return scene
+
+
+def _acoustics(plan: ObservationPlan) -> ScanAcoustics:
+    """How the surfaces of the plan's scan sound, as far as the manifest says."""
+    from generators.scans.scan import ScanAcoustics
+
+    spec = plan.scan.acoustics
+    return ScanAcoustics(
+        materials=plan.material_file,
+        surfaces=plan.scan.surfaces,
+        t30=dict(spec.t30) if spec and isinstance(spec.t30, dict) else spec.t30 if spec else None,
+        furnished=spec.furnished if spec else True,
+    )
 
 
 def _open_scan(plan: ObservationPlan) -> Scene:

@@ -40,6 +40,8 @@ MOST_SILENT = 16
 MOST_COPIES, MOST_SOURCES = 4, 8
 #: Least and greatest scale of the absorption, and level of all sources above the background (dB).
 ABSORPTION_SCALE, SNR_DB = (0.05, 20.0), (-30.0, 80.0)
+#: Range of measured reverberation times (s).
+T30 = (0.1, 3.0)
 #: Shortest time for which a source sounds or pauses (s): far longer than the ramps at both ends.
 SHORTEST_SOUND = 0.05
 #: Largest number of intervals of a programme: more do not fit into the longest observation.
@@ -124,6 +126,7 @@ RoomName = Annotated[Room, BeforeValidator(_room)]
 InstanceName = Annotated[str, BeforeValidator(_silent)]
 SoundName = Annotated[str, BeforeValidator(_heard)]
 Corner = tuple[Coordinate, Coordinate, Coordinate]
+ReverberationTime = Annotated[Number, Field(ge=T30[0], le=T30[1])]
 #: Names of procedural variants of a category; generators.plan checks that they exist.
 Variants = Annotated[tuple[Line, ...], Field(min_length=1)]
 
@@ -149,13 +152,26 @@ class LicenceSpec(_Model):
     source: Source = ""
 
 
+class ScanAcousticsSpec(_Model):
+    """The reverberation of a scan's rooms: ``t30``, seconds at 500 Hz–1 kHz, as measured, of all rooms or by room.
+
+    The absorption of all surfaces of the room is scaled until it has that time. Rooms that were not measured, in scans
+    without annotations, are kept in the range of ``furnished`` rooms of their volume; false: as their materials are.
+    """
+
+    t30: ReverberationTime | dict[RoomName, ReverberationTime] | None = None
+    furnished: bool = True
+
+
 class ScanSpec(_Model):
     """A home: a procedural ``apartment`` from a seed, or a ``scan`` (HM3D, Matterport3D, any GLB, glTF, OBJ or PLY).
 
     For a scan, ``file`` names its mesh; without it, the mesh is found by the scan's id below the folder of scans.
     ``up`` and ``front`` are the file's axes that become +Y and +Z (default: those of its data set). ``rooms``: room
     name → [[x, y, z], [x, y, z]], the lowest and highest corner of the room's inside (Y up, metres); rooms that are
-    not given are taken from the scan's annotations. ``materials``: a SoundSpaces material file (JSON).
+    not given are taken from the scan's annotations. ``materials``: a SoundSpaces material file (JSON). ``surfaces``:
+    place (floor, wall, ceiling, window, soft, shelves, curtain, furniture, other) → acoustic material, where the guess
+    is wrong. ``acoustics``: the rooms' reverberation.
     """
 
     source: Literal["apartment", "scan"] = "apartment"
@@ -164,6 +180,8 @@ class ScanSpec(_Model):
     up: Axis | None = None
     front: Axis | None = None
     materials: Line | None = None
+    surfaces: dict[Line, Line] = {}
+    acoustics: ScanAcousticsSpec | None = None
     rooms: dict[RoomName, tuple[Corner, Corner]] = {}
     licence: LicenceSpec | None = None
 
@@ -173,6 +191,8 @@ class ScanSpec(_Model):
             raise ValueError("an apartment needs a seed")
         if self.source == "apartment" and (self.file or self.up or self.front or self.materials):
             raise ValueError("file, up, front and materials belong to a scan; write source: scan")
+        if self.source == "apartment" and (self.surfaces or self.acoustics):
+            raise ValueError("surfaces and acoustics belong to a scan; write source: scan")
         if (self.up is None) != (self.front is None):
             raise ValueError("up and front belong together: give both axes, or neither")
         if self.up and self.front and self.up[-1] == self.front[-1]:
@@ -181,8 +201,8 @@ class ScanSpec(_Model):
 
     def identity(self) -> dict[str, Any]:
         """Content for digests: options that later versions added count only where they are set."""
-        late = ("up", "front", "materials")
-        return {name: value for name, value in self.model_dump().items() if value is not None or name not in late}
+        late = ("up", "front", "materials", "surfaces", "acoustics")
+        return {name: value for name, value in self.model_dump().items() if value not in (None, {}) or name not in late}
 
 
 class AssetSpec(_Model):

@@ -50,10 +50,17 @@ _LID = 0.01
 
 
 class Backing(NamedTuple):
-    """The shell: (N, 3, 3) triangles in metres, and the place of each, (N,): ``floor``, ``wall`` or ``ceiling``."""
+    """The shell of a scan.
+
+    Attributes:
+        triangles: (N, 3, 3) metres.
+        places: (N,) ``floor``, ``wall`` or ``ceiling``.
+        escaped: share of the flights of sound from surface to surface that leave the scan without it.
+    """
 
     triangles: Array
     places: NDArray[np.str_]
+    escaped: float
 
 
 def backing_of(triangles: Array, rooms: Sequence[Room]) -> Backing:
@@ -63,11 +70,12 @@ def backing_of(triangles: Array, rooms: Sequence[Room]) -> Backing:
         triangles: (A, 3, 3) all its surfaces.
         rooms: those that are known; without one there is no shell.
     """
-    none = Backing(np.zeros((0, 3, 3)), np.zeros(0, dtype="<U8"))
+    none = Backing(np.zeros((0, 3, 3)), np.zeros(0, dtype="<U8"), 0.0)
     if not rooms or not len(triangles):
         return none
     caster = RayCaster(triangles)
-    if escaped_share(caster, triangles, rooms) == 0:
+    escaped = escaped_share(caster, triangles, rooms)
+    if escaped == 0:
         return none
     low, high = _bounds(triangles, caster, rooms)
     plan = _plan(caster, rooms, low, high)
@@ -87,7 +95,7 @@ def backing_of(triangles: Array, rooms: Sequence[Room]) -> Backing:
                 quads.append([[lines[line], y, c] if axis == 0 else [c, y, lines[line]] for c, y in points])
     corners = np.array(quads, dtype=np.float64)
     places = np.array(["floor"] * slabs + ["ceiling"] * slabs + ["wall"] * (len(quads) - 2 * slabs))
-    return Backing(corners[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3), np.repeat(places, 2))
+    return Backing(corners[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3), np.repeat(places, 2), escaped)
 
 
 def _bounds(triangles: Array, caster: RayCaster, rooms: Sequence[Room]) -> tuple[Array, Array]:
@@ -132,12 +140,14 @@ def _plan(caster: RayCaster, rooms: Sequence[Room], low: Array, high: Array) -> 
     own, around = boxes(0.0), boxes(_OUTSIDE)
     if len(rooms) == 1 and (found & ~around).sum() < _ALONE * own.sum():
         found &= around
-    closed = ndimage.binary_closing(found | own, np.ones((3, 3)), iterations=round(_GAP / 2 / CELL))
+    closed = ndimage.binary_closing(found | own, np.ones((3, 3), dtype=bool), iterations=round(_GAP / 2 / CELL))
     parts, number = ndimage.label(ndimage.binary_fill_holes(closed | own))
     kept = np.zeros(number + 1, dtype=bool)
     kept[np.unique(parts[own])] = True
     kept[0] = False
-    return np.asarray(ndimage.binary_dilation(kept[parts], np.ones((3, 3)), iterations=round(BEHIND / CELL)))
+    return np.asarray(
+        ndimage.binary_dilation(kept[parts], np.ones((3, 3), dtype=bool), iterations=round(BEHIND / CELL))
+    )
 
 
 def rectangles_of(mask: Mask) -> list[tuple[int, int, int, int]]:

@@ -1,4 +1,4 @@
-"""What the surfaces of a scan without annotations are: floor, wall, window, shelves, something soft, …
+"""What the surfaces of a scan without annotations are: floor, wall, window, shelves, something soft or another.
 
 A face is judged by where it is, by the slopes of the surface within 15 cm around it, and by its texture:
 
@@ -27,7 +27,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from generators.acoustics.materials import triangle_areas
 from generators.core.scene import Mesh, Room
 from generators.scans.looks import FaceLooks, face_looks
 
@@ -253,6 +252,8 @@ def _windows(faces: _Faces, wall: Mask, cells: Cells, shape: tuple[int, int, int
         part = parts[box] == number
         if not _WINDOW[0] <= float(size[box][part].sum()) <= _WINDOW[1]:
             continue
-        ring = ndimage.binary_dilation(parts == number, np.ones((3, 3, 3)), iterations=2) & ~pane & (size > 0)
+        ring = (
+            ndimage.binary_dilation(parts == number, np.ones((3, 3, 3), dtype=bool), iterations=2) & ~pane & (size > 0)
+        )
         found[number] = bool(ring.any()) and float(light[ring].sum() / size[ring].sum()) <= _FRAME
     return np.asarray(found[parts[cells]])

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 RAYS, REFLECTIONS, POINTS = 2000, 160, 8
 #: Least distance of these points from all surfaces (m); heights at which they are looked for, shares of the room's.
 _CLEAR, _HEIGHTS = 0.25, (0.35, 0.5, 0.65)
-#: The next ray starts this far before the surface, on the way that the ray came: in a corner it passes no other one (m).
+#: Distance before a surface at which the reflected ray starts (m), on the way it came: no other surface is passed.
 _OFF = 1e-3
 _SEED = 34
 #: Share of the reflections that are scattered where the material does not matter.

@@ -4,20 +4,21 @@ The prediction follows 2,000 rays over their reflections, as the tracer does, bu
 is left in the room, summed over the rays, is the decay that a listener hears in a room with one volume. Where a ray
 goes does not depend on the absorption, so that one trace gives the decay for every factor of it.
 
-Measurements of furnished rooms in dwellings, reverberation time at 500 Hz–1 kHz, means over the rooms:
+Measurements of furnished rooms in dwellings, means over the rooms:
 
-- T. J. Jackson, H. G. Leventhall, Applied Acoustics 5 (1972) 265–277: 50 living rooms of 25–76 m³ (mean 44 m³) 0.51 s,
-  50 kitchens 0.68 s.
-- M. A. Burgess, W. A. Utley, Applied Acoustics 18 (1985) 369–380: 47 living rooms 0.33 s, 51 bedrooms 0.28 s.
-- J. S. Bradley, Canadian Acoustics 14 (1986): 602 homes, 0.4 s with a standard deviation below 0.1 s.
-- J. H. Jeong et al., Trans. Korean Soc. Noise Vib. Eng. 25 (2015) 291: living rooms 0.48 s, bedrooms 0.44 s; empty 1.11 s.
-- C. Díaz, A. Pedrero, Building Acoustics 15 (2008): 11,457 rooms; the larger a room, the longer it rings.
+- Jackson and Leventhall 1972: 50 living rooms of 25–76 m³ (mean 44 m³) 0.51 s, 50 kitchens 0.68 s, at 1 kHz [1, 2].
+- Burgess and Utley 1985: 47 living rooms 0.33 s, 51 bedrooms 0.28 s, at 500 Hz [1].
+- Bradley 1986: 602 homes, 0.4 s with a standard deviation below 0.1 s, 100 Hz–4 kHz [1].
+- Jeong, Lee and Jeon 2015: living rooms 0.48 s, bedrooms 0.44 s, the same flats empty 1.11 s [3].
+- Díaz and Pedrero 2008: 11,457 rooms; the larger a room, the longer it rings [4].
 
-The first three are quoted after T. Sato et al., Applied Sciences 11 (2021) 2709, the volumes after F. A. Everest,
-*Master Handbook of Acoustics*; the papers themselves were not at hand. `furnished_range` takes the least and the
-greatest of the means of living rooms (of kitchens, the kitchens' own as the greatest) at 44 m³ and scales them by the
-cube root of the volume: rooms that are furnished alike have the same mean absorption, and V/S grows with V^⅓.
-Nothing was found for bathrooms, which are not held to a range.
+As quoted in [1] Applied Sciences 11 (2021) 2709 and [2] F. A. Everest, *Master Handbook of Acoustics* (volumes); from
+the abstracts of [3] Trans. Korean Soc. Noise Vib. Eng. 25 (2015) 291 and [4] Building Acoustics 15 (2008),
+doi:10.1260/147547308784050179. The papers of the first three were not at hand.
+
+`furnished_range` takes the least and the greatest of the means of living rooms (for kitchens, theirs as the greatest)
+at 44 m³ and scales them by the cube root of the volume: rooms that are furnished alike have the same mean absorption,
+and V/S grows with V^⅓. Nothing was found for bathrooms, which are not held to a range.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from generators.acoustics.geometry import LEAST_SCALE, MOST_SCALE
 from generators.acoustics.materials import OCTAVE_BANDS, material_for, scaled_label
 from generators.core.rays import RayCaster
 from generators.core.scene import Room
-from generators.scans.places import near_room
+from generators.scans.places import AROUND, near_room
 from generators.scans.ray_walk import RayWalk, free_points, walk
 
 Array = NDArray[np.float64]
@@ -97,7 +98,7 @@ class RayHistory:
             # What a ray still has after each reflection; nothing once it has left.
             left = np.exp(np.cumsum(np.array([*exponent, -np.inf])[label], axis=1))
             before = np.concatenate([np.ones((len(left), 1)), left[:, :-1]], axis=1)
-            lost = np.bincount(bins.reshape(-1), (before - left).reshape(-1), steps + 1)[:steps]
+            lost = np.bincount(bins.reshape(-1), (before - left).reshape(-1), steps + 1)[:steps].astype(np.float64)
             energy = len(left) - np.cumsum(lost)
             time = fit_decay(np.cumsum(energy[::-1])[::-1], 1 / _STEP)
             if time is not None:
@@ -171,7 +172,6 @@ def match_rooms(
     t30: Mapping[str, float],
     *,
     usual: bool,
-    margin: float,
 ) -> tuple[tuple[str, ...], tuple[RoomDecay, ...]]:
     """Scale the absorption of rooms to the reverberation times that they should have.
 
@@ -181,7 +181,6 @@ def match_rooms(
         rooms: one after the other.
         t30: room → measured T30, s.
         usual: whether rooms that were not measured are brought into the range of furnished ones, to its nearer end.
-        margin: faces within so many metres of a room's box belong to it.
 
     Returns:
         (A,) labels, and what was done in each room.
@@ -192,7 +191,7 @@ def match_rooms(
     names, middle = np.array(labels, dtype=object), triangles.mean(axis=1)
     left, found = np.ones(len(names), dtype=bool), []
     for room in rooms:
-        own = left & near_room(middle, room, margin)
+        own = left & near_room(middle, room, AROUND)
         left &= ~own
         history = trace_room(triangles, [str(name) for name in names], room, own)
         volume = float(np.prod(np.subtract(room.high, room.low)))

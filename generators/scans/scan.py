@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from avs3d_bench.errors import Avs3dError
 from generators.acoustics.materialfile import read_material_file
-from generators.acoustics.materials import triangle_areas
 from generators.assets.acoustic_twin import clustered
 from generators.assets.meshfile import load_mesh
 from generators.assets.modelframe import upright
@@ -29,7 +28,6 @@ from generators.scans.files import ScanFiles, find_scan_files, scan_files_of
 from generators.scans.hm3d import read_hm3d
 from generators.scans.mp3d import read_mp3d
 from generators.scans.patches import find_supports
-from generators.scans.places import AROUND
 from generators.scans.reverberation import RoomDecay, match_rooms
 from generators.scans.rooms import find_rooms, missing_room
 from generators.scans.sound import (
@@ -78,14 +76,13 @@ class ScanAcoustics:
         materials: a SoundSpaces material file.
         surfaces: place (one of `generators.scans.places.PLACES`) → acoustic material.
         t30: measured reverberation time, s, of every room or by room.
-        as_guessed: leave the rooms of a scan without annotations as their materials make them, even if no furnished
-            room is as reverberant, or as dead.
+        furnished: whether rooms of a scan without annotations are kept in the range of furnished rooms.
     """
 
     materials: Path | None = None
     surfaces: Mapping[str, str] = field(default_factory=dict)
     t30: float | Mapping[str, float] | None = None
-    as_guessed: bool = False
+    furnished: bool = True
 
     def times(self, rooms: Sequence[Room]) -> dict[str, float]:
         """Room → its measured reverberation time, s."""
@@ -103,12 +100,12 @@ class SoundReport:
     Attributes:
         surfaces: what its rooms are made of.
         rooms: their reverberation times.
-        closed: area of the shell that closes its holes, m²; 0 if it has none.
+        escaped: share of the flights of sound from surface to surface that left the scan before its holes were closed.
     """
 
     surfaces: tuple[SurfaceRow, ...]
     rooms: tuple[RoomDecay, ...]
-    closed: float
+    escaped: float
 
 
 def load_scan(
@@ -213,12 +210,11 @@ def _with_sound(
     labels = (*mesh.acoustic_labels, *(usual[place] for place in backing.places.tolist()))
     decays: tuple[RoomDecay, ...] = ()
     times = acoustics.times(rooms)
-    held = annotations is None and not acoustics.as_guessed
-    if held or times:
-        exact = triangles.astype(np.float64)
-        labels, decays = match_rooms(exact, labels, rooms, times, usual=held, margin=AROUND)
+    if annotations is None or times:
+        held = annotations is None and acoustics.furnished
+        labels, decays = match_rooms(triangles.astype(np.float64), labels, rooms, times, usual=held)
     mesh = replace(mesh, acoustic_positions=triangles, acoustic_labels=labels)
-    return mesh, SoundReport(rows, decays, float(triangle_areas(backing.triangles).sum()))
+    return mesh, SoundReport(rows, decays, backing.escaped)
 
 
 def _read_mesh(path: Path, rotation: NDArray[np.float64], textures: bool) -> Mesh:

@@ -16,8 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from avs3d_bench.errors import UsageError, did_you_mean, excerpt
 from generators.acoustics.materialfile import MaterialFile
-from generators.acoustics.materials import triangle_areas
+from generators.acoustics.materials import MATERIALS, triangle_areas
 from generators.core.scene import Mesh, Room
 from generators.scans.annotations import AnnotatedObject, Annotations
 from generators.scans.patches import LEVEL
@@ -106,6 +107,23 @@ def no_table(item: AnnotatedObject) -> bool:
     return label_of_category(sorted(words)) in _SOFT or any(word.split()[-1] in _SEATS for word in words)
 
 
+def check_surfaces(surfaces: Mapping[str, str], where: str) -> None:
+    """Check the places and materials of a manifest's ``surfaces``, or of a command's options.
+
+    Args:
+        surfaces: place → acoustic material.
+        where: for messages.
+
+    Raises:
+        UsageError: naming the first one that does not exist, with those that do.
+    """
+    for place, material in surfaces.items():
+        for what, name, known in (("place", place, PLACES), ("acoustic material", material, tuple(MATERIALS))):
+            if name not in known:
+                hint = did_you_mean(name, known)
+                raise UsageError(f"{where}: unknown {what} {excerpt(name)}; expected one of {', '.join(known)}{hint}")
+
+
 class LabelledScan(NamedTuple):
     """A scan's mesh with a label on every acoustic face, and (A,) the place of each, one of `PLACES`."""
 
@@ -177,7 +195,7 @@ def labelled(
 def _annotate(
     labels: NDArray[np.object_],
     ground: NDArray[np.bool_],
-    owners: NDArray[np.int64],
+    owners: NDArray[np.signedinteger],
     annotations: Annotations,
     materials: MaterialFile | None,
 ) -> NDArray[np.bool_]:
