@@ -50,13 +50,11 @@ def _acoustics(plan: ObservationPlan) -> ScanAcoustics:
     """How the surfaces of the plan's scan sound, as far as the manifest says."""
     from generators.scans.scan import ScanAcoustics
 
-    spec = plan.scan.acoustics
-    return ScanAcoustics(
-        materials=plan.material_file,
-        surfaces=plan.scan.surfaces,
-        t30=dict(spec.t30) if spec and isinstance(spec.t30, dict) else spec.t30 if spec else None,
-        furnished=spec.furnished if spec else True,
-    )
+    files, surfaces, spec = plan.material_file, plan.scan.surfaces, plan.scan.acoustics
+    if spec is None:
+        return ScanAcoustics(files, surfaces)
+    t30 = {str(room): time for room, time in spec.t30.items()} if isinstance(spec.t30, dict) else spec.t30
+    return ScanAcoustics(files, surfaces, t30, spec.furnished)
 
 
 def _open_scan(plan: ObservationPlan) -> Scene:

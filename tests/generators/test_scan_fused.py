@@ -22,7 +22,7 @@ from generators.paths.trajectory import WalkTask, plan_walk
 from generators.placement.placement import Placement, place
 from generators.placement.site import Site
 from generators.placement.spots import _level
-from generators.scans.scan import ACOUSTIC_FACES, ACOUSTIC_FACES_BEYOND, load_scan
+from generators.scans.scan import ACOUSTIC_FACES, ACOUSTIC_FACES_BEYOND, ScanAcoustics, load_scan
 from generators.vision.embree import EmbreeBackend
 from tests.support import scan_like
 
@@ -311,7 +311,7 @@ def test_a_material_file_decides_for_the_categories_it_names(
 ) -> None:
     file = tmp_path / "materials.json"
     file.write_text('{"materials": [{"name": "felt", "labels": ["Couch"], "absorption": [100, 0.5, 8000, 0.5]}]}')
-    scan = load_scan("TEEsavR23oF", root, materials=file)
+    scan = load_scan("TEEsavR23oF", root, acoustics=ScanAcoustics(materials=file))
     assert most_common_label(scan, fused, "living_room/sofa_0").startswith("given:0.5000,")
     assert most_common_label(scan, fused, "kitchen/fridge_0") == "metal"
 
