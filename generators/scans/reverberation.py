@@ -23,6 +23,7 @@ and V/S grows with V^⅓. Nothing was found for bathrooms, which are not held to
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -49,7 +50,9 @@ MEANS: dict[str, tuple[float, float] | None] = {"kitchen": (0.33, 0.68), "bathro
 #: Share by which a room's T30 may differ from the one that was measured.
 TOLERANCE = 0.05
 #: Step of the decay (s), and its end: no ray is followed longer.
-_STEP, _END = 0.002, 4.0
+_STEP, _END = 0.002, 6.0
+#: Exponent of the energy left at the end of a trace (−52 dB) above which it is repeated, and how often at most.
+_LIVE, _MOST_TURNS = -12.0, 16
 
 
 def furnished_range(room: str, volume: float) -> tuple[float, float] | None:
@@ -84,26 +87,32 @@ class RayHistory:
 
     def decay_time(self, scale: float = 1.0) -> float | None:
         """T30 in s, mean of `MID_BANDS`, with ``scale`` times the Eyring exponents; None if it cannot be measured."""
-        steps = round(_END / _STEP)
-        bins = np.minimum(self.walk.time / _STEP, steps).astype(np.int64)
+        found = [self._decay_time(band, scale) for band in MID_BANDS]
+        times = [time for time in found if time is not None]
+        return float(np.mean(times)) if len(times) == len(found) else None
+
+    def _decay_time(self, band: float, scale: float) -> float | None:
+        column, steps = OCTAVE_BANDS.index(band), round(_END / _STEP)
+        exponents = [
+            math.log1p(-min(material_for(label).scaled(scale if own else 1.0).in_situ[column], 1 - 1e-9))
+            for label, own in zip(self.labels, self.adjustable, strict=True)
+        ]
         # The last one stands for a ray that meets nothing: −1.
-        label = np.append(self.index, -1)[self.walk.face]
-        found = []
-        for band in MID_BANDS:
-            column = OCTAVE_BANDS.index(band)
-            exponent = [
-                np.log1p(-min(material_for(label).scaled(scale if own else 1.0).in_situ[column], 1 - 1e-9))
-                for label, own in zip(self.labels, self.adjustable, strict=True)
-            ]
-            # What a ray still has after each reflection; nothing once it has left.
-            left = np.exp(np.cumsum(np.array([*exponent, -np.inf])[label], axis=1))
-            before = np.concatenate([np.ones((len(left), 1)), left[:, :-1]], axis=1)
-            lost = np.bincount(bins.reshape(-1), (before - left).reshape(-1), steps + 1)[:steps].astype(np.float64)
-            energy = len(left) - np.cumsum(lost)
-            time = fit_decay(np.cumsum(energy[::-1])[::-1], 1 / _STEP)
-            if time is not None:
-                found.append(time)
-        return float(np.mean(found)) if len(found) == len(MID_BANDS) else None
+        exponent = np.array([*exponents, -np.inf])[np.append(self.index, -1)[self.walk.face]]
+        time = self.walk.time
+        mean = float(exponent[np.isfinite(exponent)].mean())
+        if mean * exponent.shape[1] > _LIVE:
+            # The trace is too short for a decay so slow: each ray goes the same way again.
+            turns = min(math.ceil(_LIVE / min(mean * exponent.shape[1], -1e-3)), _MOST_TURNS)
+            exponent = np.tile(exponent, (1, turns))
+            time = np.concatenate([time + turn * time[:, -1:] for turn in range(turns)], axis=1)
+        # What a ray still has after each reflection; nothing once it has left.
+        left = np.exp(np.cumsum(exponent, axis=1))
+        before = np.concatenate([np.ones((len(left), 1)), left[:, :-1]], axis=1)
+        bins = np.minimum(time / _STEP, steps).astype(np.int64)
+        lost = np.bincount(bins.reshape(-1), (before - left).reshape(-1), steps + 1)[:steps].astype(np.float64)
+        energy = len(left) - np.cumsum(lost)
+        return fit_decay(np.cumsum(energy[::-1])[::-1], 1 / _STEP)
 
 
 def trace_room(
@@ -130,17 +139,15 @@ def trace_room(
 def scale_for(history: RayHistory, seconds: float) -> float:
     """The factor of the absorption with which the room has this reverberation time, within `LEAST_SCALE`–`MOST_SCALE`.
 
-    Rounded to three digits after the point; 1 if the decay cannot be measured.
+    Rounded to three digits after the point.
     """
     low, high = LEAST_SCALE, MOST_SCALE
-    if history.decay_time() is None:
-        return 1.0
-    for _ in range(24):
-        middle = float(np.sqrt(low * high))
+    for _ in range(16):
+        middle = math.sqrt(low * high)
         time = history.decay_time(middle)
-        # No measurable decay: too little absorption for the length of the trace.
-        low, high = (middle, high) if time is None or time > seconds else (low, middle)
-    return round(float(np.sqrt(low * high)), 3)
+        # What cannot be measured is over within milliseconds.
+        low, high = (middle, high) if time is not None and time > seconds else (low, middle)
+    return round(math.sqrt(low * high), 3)
 
 
 class RoomDecay(NamedTuple):
