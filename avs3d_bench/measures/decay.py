@@ -98,8 +98,8 @@ def reverberation_time(
 def clap_time(recording: NDArray[np.floating], sample_rate: int) -> float | None:
     """Reverberation time in s, mean of `MID_BANDS`, of a recorded hand clap; the loudest one counts.
 
-    The recording is cut where the decay comes within 10 dB of the noise, and the line is fitted from −5 to −35 dB, or to
-    −25 or −15 dB where the noise leaves no more.
+    The recording is cut where the decay comes within 10 dB of the noise, and the line is fitted from −5 to −35 dB, or
+    to −25 or −15 dB where the noise leaves no more.
 
     Args:
         recording: (n,) or (channels, n), with at least half a second of silence somewhere.

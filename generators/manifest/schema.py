@@ -127,6 +127,18 @@ InstanceName = Annotated[str, BeforeValidator(_silent)]
 SoundName = Annotated[str, BeforeValidator(_heard)]
 Corner = tuple[Coordinate, Coordinate, Coordinate]
 ReverberationTime = Annotated[Number, Field(ge=T30[0], le=T30[1])]
+
+
+def _kind_of_time(value: object) -> str:
+    """Tag of the type that `ReverberationTimes` has; `_finding` leaves it out of errors."""
+    return "[rooms]" if isinstance(value, dict) else "[seconds]"
+
+
+#: Of all rooms, or by room (s).
+ReverberationTimes = Annotated[
+    Annotated[ReverberationTime, Tag("[seconds]")] | Annotated[dict[RoomName, ReverberationTime], Tag("[rooms]")],
+    Discriminator(_kind_of_time),
+]
 #: Names of procedural variants of a category; generators.plan checks that they exist.
 Variants = Annotated[tuple[Line, ...], Field(min_length=1)]
 
@@ -159,7 +171,7 @@ class ScanAcousticsSpec(_Model):
     without annotations, are kept in the range of ``furnished`` rooms of their volume; false: as their materials are.
     """
 
-    t30: ReverberationTime | dict[RoomName, ReverberationTime] | None = None
+    t30: ReverberationTimes | None = None
     furnished: bool = True
 
 

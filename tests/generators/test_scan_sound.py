@@ -20,6 +20,7 @@ from generators.acoustics.tracer.backend import TracerBackend
 from generators.core.rays import RayCaster
 from generators.core.scene import Material, Mesh, Room, Scene, Texture
 from generators.manifest.schema import ScanAcousticsSpec, ScanSpec
+from generators.plan import make_plans, read_manifest
 from generators.scans.backing import backing_of, rectangles_of
 from generators.scans.places import PLACES, REASONS, places_of
 from generators.scans.ray_walk import escaped_share
@@ -312,6 +313,23 @@ def test_new_fields_count_in_digests_only_where_they_are_set() -> None:
 def test_times_that_no_room_has_are_refused(t30: object) -> None:
     with pytest.raises(ValueError, match="t30"):
         ScanAcousticsSpec(t30=t30)
+
+
+def test_unknown_rooms_and_surfaces_are_one_line_with_their_place(tmp_path: Path) -> None:
+    def read(field: str) -> None:
+        path = tmp_path / "room.yaml"
+        path.write_text(
+            "name: room\nversion: 1.0.0\nseed: 1\nscans:\n  mine: {source: scan, file: a.glb, rooms: {kitchen: [[0, 0, 0], "
+            f"[3, 2, 3]]}}, {field}}}\nobservations:\n"
+            "  - {part: part_1, scan: mine, room: kitchen, index: 1, category: microwave}\n"
+        )
+        make_plans(read_manifest(path))
+
+    with pytest.raises(UsageError, match=r"scans\.mine\.acoustics\.t30\.kitchen: .* less than or equal to 3"):
+        read("acoustics: {t30: {kitchen: 9}}")
+    with pytest.raises(UsageError, match=r"room: scans: mine: surfaces: unknown place 'walls'"):
+        read("surfaces: {walls: brick}")
+    read("surfaces: {wall: brick}, acoustics: {t30: 0.4}")
 
 
 def test_apartments_have_no_surfaces_to_correct() -> None:
