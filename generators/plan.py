@@ -407,6 +407,19 @@ def _check_variants(manifest: Manifest) -> None:
             )
 
 
+def _check_surfaces(manifest: Manifest) -> None:
+    """Check the surfaces of scans.
+
+    Raises:
+        UsageError: naming the first place or material that does not exist.
+    """
+    for name, scan in manifest.scans.items():
+        if scan.surfaces:
+            from generators.scans.sound import check_surfaces
+
+            check_surfaces(scan.surfaces, f"{manifest.name}: scans: {name}: surfaces")
+
+
 def _check_voices(manifest: Manifest) -> None:
     """Check the names of ``voices``.
 
@@ -447,6 +460,7 @@ def make_plans(source: ManifestFile, options: GenerateOptions | None = None) -> 
     backends = backend_versions(engines)
     _check_variants(manifest)
     _check_voices(manifest)
+    _check_surfaces(manifest)
     selected = select(manifest, asked.only)
     check_assets(
         source.base / LOCK_NAME,

@@ -17,6 +17,10 @@ SPEED_OF_SOUND = 343.0
 #: Octaves whose mean is quoted as "the" reverberation time (ISO 3382-2: 500 Hz and 1 kHz).
 MID_BANDS = (500.0, 1000.0)
 _FIT_FROM, _FIT_TO = -5.0, -35.0
+#: Window in which the level of a clap is measured (s), and the percentile of the levels that is its noise.
+_CLAP_WINDOW, _CLAP_NOISE = 0.01, 20.0
+#: Distance of the end of the fit from the noise (dB): 10 to the cut, which bends the decay over 7 more.
+_CLAP_MARGIN = 17.0
 
 
 def octave_filtered(response: NDArray[np.floating], sample_rate: int, centre: float) -> NDArray[np.float64]:
@@ -37,8 +41,7 @@ def decay_curve(response: NDArray[np.floating]) -> NDArray[np.float64]:
     remaining = np.cumsum(energy[::-1])[::-1]
     if len(remaining) == 0 or not remaining[0] > 0:
         return np.full(len(remaining), -np.inf)
-    with np.errstate(divide="ignore"):
-        return np.asarray(10 * np.log10(remaining / remaining[0]))
+    return _decibels(remaining)
 
 
 def t30(response: NDArray[np.floating], sample_rate: int) -> float | None:
@@ -50,9 +53,25 @@ def t30(response: NDArray[np.floating], sample_rate: int) -> float | None:
     """
     if not np.isfinite(response).all():
         return None
-    curve = decay_curve(response)
-    inside = np.flatnonzero((curve <= _FIT_FROM) & (curve >= _FIT_TO))
-    if len(inside) < 20 or not np.any(curve < _FIT_TO):
+    return _fit(decay_curve(response), sample_rate)
+
+
+def fit_decay(remaining: NDArray[np.floating], rate: float) -> float | None:
+    """T30 in s of the energy that remains (n,), any unit, at ``rate`` values per second; None as in `t30`."""
+    if len(remaining) == 0 or not remaining[0] > 0:
+        return None
+    return _fit(_decibels(remaining), rate)
+
+
+def _decibels(remaining: NDArray[np.floating]) -> NDArray[np.float64]:
+    with np.errstate(divide="ignore"):
+        return np.asarray(10 * np.log10(np.maximum(remaining / remaining[0], 0.0)))
+
+
+def _fit(curve: NDArray[np.float64], sample_rate: float, last: float = _FIT_TO) -> float | None:
+    """The time of 60 dB at the slope of ``curve`` (n,), dB, between −5 and ``last`` dB."""
+    inside = np.flatnonzero((curve <= _FIT_FROM) & (curve >= last))
+    if len(inside) < 20 or not np.any(curve < last):
         return None
     slope = float(np.polyfit(inside / sample_rate, curve[inside], 1)[0])
     return -60.0 / slope if slope < 0 else None
@@ -74,6 +93,39 @@ def reverberation_time(
         if (time := t30(channel, sample_rate)) is not None
     ]
     return float(np.mean(times)) if times else None
+
+
+def clap_time(recording: NDArray[np.floating], sample_rate: int) -> float | None:
+    """Reverberation time in s, mean of `MID_BANDS`, of a recorded hand clap; the loudest one counts.
+
+    The recording is cut where the decay comes within 10 dB of the noise, and the line is fitted from −5 to −35 dB, or
+    to −25 or −15 dB where the noise leaves no more.
+
+    Args:
+        recording: (n,) or (channels, n), with at least half a second of silence somewhere.
+        sample_rate: Hz.
+
+    Returns:
+        None if the clap is less than 32 dB above the noise in one of the octaves.
+    """
+    sound = np.atleast_2d(np.asarray(recording, dtype=np.float64)).mean(axis=0)
+    window = max(1, round(_CLAP_WINDOW * sample_rate))
+    found = []
+    for band in MID_BANDS:
+        power = np.square(octave_filtered(sound, sample_rate, band))
+        level = np.convolve(power, np.ones(window) / window, mode="same")
+        start = int(np.argmax(level))
+        noise = float(np.percentile(level, _CLAP_NOISE))
+        quiet = np.flatnonzero(level[start:] <= 10 * noise)
+        end = start + int(quiet[0]) if len(quiet) else len(power)
+        curve = decay_curve(np.sqrt(power[start:end]))
+        room = 10 * math.log10(max(float(level[start]) / max(noise, 1e-30), 1.0)) - _CLAP_MARGIN
+        last = next((fall for fall in (_FIT_TO, -25.0, -15.0) if room >= -fall), None)
+        time = None if last is None else _fit(curve, sample_rate, last)
+        if time is None:
+            return None
+        found.append(time)
+    return float(np.mean(found))
 
 
 def eyring(volume: float, surface: float, absorption: float) -> float:

@@ -102,6 +102,9 @@ _TABLE = (
     AcousticMaterial("carpet", (0.02, 0.06, 0.14, 0.37, 0.60, 0.65), _SOFT, "heavy carpet on concrete [K]"),
     AcousticMaterial("curtain", (0.07, 0.31, 0.49, 0.75, 0.70, 0.60), _BROKEN, "velour draped to half its area [K]"),
     AcousticMaterial("upholstery", (0.36, 0.47, 0.57, 0.62, 0.62, 0.60), _BROKEN, "lightly upholstered seats [B]"),
+    AcousticMaterial(
+        "clutter", (0.32, 0.35, 0.37, 0.36, 0.36, 0.36), _BROKEN, "half upholstery, half wood: sofas and heaps [E]"
+    ),
     AcousticMaterial("foliage", (0.03, 0.06, 0.11, 0.17, 0.27, 0.31), _BROKEN, "leaves of a potted plant [E]"),
     AcousticMaterial("paper", (0.15, 0.20, 0.25, 0.25, 0.25, 0.20), _BROKEN, "a row of books, backs outward [E]"),
     AcousticMaterial("water", (0.01, 0.01, 0.01, 0.02, 0.02, 0.03), _SMOOTH, "water surface of a pool [V]"),
@@ -122,6 +125,14 @@ def spectral_label(absorption: Spectrum, scattering: Spectrum) -> str:
     """A label that encodes these coefficients, rounded to four digits; `material_for` decodes it."""
     spectra = "/".join(",".join(f"{v:.4f}" for v in values) for values in (absorption, scattering))
     return f"given:{spectra}"
+
+
+def scaled_label(label: str, scale: float) -> str:
+    """The label of the material ``label`` with ``scale`` times its Eyring exponent; it stays as it is for 1."""
+    if scale == 1.0:
+        return label
+    material = material_for(label)
+    return spectral_label(material.scaled(scale).in_situ, material.scattering)
 
 
 def material_for(label: str) -> AcousticMaterial:

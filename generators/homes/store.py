@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from generators.core.scene import Scene
 from generators.homes.cache import cached_scene
 from generators.plan import ObservationPlan
+
+if TYPE_CHECKING:
+    from generators.scans.scan import ScanAcoustics
 
 #: The scan that this process opened last, by its digest.
 _scan_cache: dict[str, Scene] = {}
@@ -42,6 +46,17 @@ def open_home(plan: ObservationPlan, folder: Path, *, workers: int = 1) -> Scene
     return scene
 
 
+def _acoustics(plan: ObservationPlan) -> ScanAcoustics:
+    """How the surfaces of the plan's scan sound, as far as the manifest says."""
+    from generators.scans.scan import ScanAcoustics
+
+    files, surfaces, spec = plan.material_file, plan.scan.surfaces, plan.scan.acoustics
+    if spec is None:
+        return ScanAcoustics(files, surfaces)
+    t30 = {str(room): time for room, time in spec.t30.items()} if isinstance(spec.t30, dict) else spec.t30
+    return ScanAcoustics(files, surfaces, t30, spec.furnished)
+
+
 def _open_scan(plan: ObservationPlan) -> Scene:
     """The plan's scan; the last one opened is kept, since a manifest's observations often share it."""
     from generators.assets.gltf import can_decode_basis, has_basis
@@ -62,7 +77,7 @@ def _open_scan(plan: ObservationPlan) -> Scene:
         licence=plan.scan_licence,
         axes=Axes(spec.up, spec.front, spec.turn or 0.0, 1.0 if spec.scale is None else spec.scale),
         textures=textures,
-        materials=plan.material_file,
+        acoustics=_acoustics(plan),
         need=(room,),
     )
     _scan_cache.clear()

@@ -21,7 +21,7 @@ MOST_FAULTS = 10
 #: Number of records that are named as those that have a field.
 _MOST_RECORDS = 3
 #: Parts of pydantic's locations that are no fields of the file: a key that is wrong, the tags of `Instances`.
-_NO_STEPS = ("[key]", "[number]", "[objects]")
+_NO_STEPS = ("[key]", "[number]", "[objects]", "[rooms]", "[seconds]")
 #: Steps of a record's place that stand for any index, and for any key.
 _INDEX, _KEY = "N", "NAME"
 #: Type of an error of pydantic → what a YAML file calls the type that was expected.

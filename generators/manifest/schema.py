@@ -42,6 +42,8 @@ MOST_SILENT = 16
 MOST_COPIES, MOST_SOURCES = 4, 8
 #: Least and greatest scale of the absorption, and level of all sources above the background (dB).
 ABSORPTION_SCALE, SNR_DB = (0.05, 20.0), (-30.0, 80.0)
+#: Range of measured reverberation times (s).
+T30 = (0.1, 3.0)
 #: Shortest time for which a source sounds or pauses (s): far longer than the ramps at both ends.
 SHORTEST_SOUND = 0.05
 #: Largest number of intervals of a programme: more do not fit into the longest observation.
@@ -126,6 +128,19 @@ RoomName = Annotated[Room, BeforeValidator(_room)]
 InstanceName = Annotated[str, BeforeValidator(_silent)]
 SoundName = Annotated[str, BeforeValidator(_heard)]
 Corner = tuple[Coordinate, Coordinate, Coordinate]
+ReverberationTime = Annotated[Number, Field(ge=T30[0], le=T30[1])]
+
+
+def _kind_of_time(value: object) -> str:
+    """Tag of the type that `ReverberationTimes` has; `_finding` leaves it out of errors."""
+    return "[rooms]" if isinstance(value, dict) else "[seconds]"
+
+
+#: Of all rooms, or by room (s).
+ReverberationTimes = Annotated[
+    Annotated[ReverberationTime, Tag("[seconds]")] | Annotated[dict[RoomName, ReverberationTime], Tag("[rooms]")],
+    Discriminator(_kind_of_time),
+]
 #: Names of procedural variants of a category; generators.plan checks that they exist.
 Variants = Annotated[tuple[Line, ...], Field(min_length=1)]
 
@@ -151,6 +166,17 @@ class LicenceSpec(_Model):
     source: Source = ""
 
 
+class ScanAcousticsSpec(_Model):
+    """The reverberation of a scan's rooms: ``t30``, seconds at 500 Hz–1 kHz, as measured, of all rooms or by room.
+
+    The absorption of all surfaces of the room is scaled until it has that time. Rooms that were not measured, in scans
+    without annotations, are kept in the range of ``furnished`` rooms of their volume; false: as their materials are.
+    """
+
+    t30: ReverberationTimes | None = None
+    furnished: bool = True
+
+
 class ScanSpec(_Model):
     """A home: a procedural ``apartment`` from a seed, or a ``scan`` (HM3D, Matterport3D, any GLB, glTF, OBJ or PLY).
 
@@ -159,12 +185,25 @@ class ScanSpec(_Model):
     of its data set). ``turn`` (degrees) then turns it about +Y, counter-clockwise seen from above, so that its walls
     are parallel to the axes; ``scale`` is the number of metres in a unit of the file (default: 1). ``rooms``: room
     name → [[x, y, z], [x, y, z]], the lowest and highest corner of the room's inside (Y up, metres); rooms that are
-    not given are taken from the scan's annotations. ``materials``: a SoundSpaces material file (JSON). ``splats``: the
-    same place in 3D Gaussians (PLY of 3D-GS), in the frame of ``file``, for ``--vision splats``; found as ``file`` is.
+    not given are taken from the scan's annotations. ``materials``: a SoundSpaces material file (JSON). ``surfaces``:
+    place (floor, wall, ceiling, window, soft, shelves, curtain, furniture, other) → acoustic material, where the guess
+    is wrong. ``acoustics``: the rooms' reverberation. ``splats``: the same place in 3D Gaussians (PLY of 3D-GS), in the
+    frame of ``file``, for ``--vision splats``; found as ``file`` is.
     """
 
     #: Fields of a scan; all but ``file`` are later than the first version.
-    _of_scans: ClassVar[tuple[str, ...]] = ("file", "asset", "up", "front", "turn", "scale", "materials", "splats")
+    _of_scans: ClassVar[tuple[str, ...]] = (
+        "file",
+        "asset",
+        "up",
+        "front",
+        "turn",
+        "scale",
+        "materials",
+        "surfaces",
+        "acoustics",
+        "splats",
+    )
 
     source: Literal["apartment", "scan"] = "apartment"
     seed: int | None = Field(None, ge=0, strict=True)
@@ -176,6 +215,8 @@ class ScanSpec(_Model):
     scale: Annotated[Number, Field(ge=SCAN_SCALE[0], le=SCAN_SCALE[1])] | None = None
     materials: Line | None = None
     splats: Line | None = None
+    surfaces: dict[Line, Line] = {}
+    acoustics: ScanAcousticsSpec | None = None
     rooms: dict[RoomName, tuple[Corner, Corner]] = {}
     licence: LicenceSpec | None = None
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,12 +24,22 @@ from generators.assets.modelframe import upright
 from generators.core.boxes import yaw_matrix
 from generators.core.scene import F32, Licence, Mesh, Part, Room, Scene, SplatFile, StageFile, Support
 from generators.scans.annotations import Annotations
+from generators.scans.backing import backing_of
 from generators.scans.files import ScanFiles, find_scan_files, scan_files_of
 from generators.scans.hm3d import read_hm3d
 from generators.scans.mp3d import read_mp3d
 from generators.scans.patches import find_supports
+from generators.scans.reverberation import RoomDecay, match_rooms
 from generators.scans.rooms import find_rooms, missing_room
-from generators.scans.sound import DEFAULT_LABEL, labelled, no_table
+from generators.scans.sound import (
+    DEFAULT_LABEL,
+    FLOOR_OF_ROOM,
+    MATERIAL_OF,
+    SurfaceRow,
+    labelled,
+    no_table,
+    surface_table,
+)
 
 #: Largest number of faces the acoustic engine gets in and around the rooms: above it, its rays slow down and gain
 #: nothing. The rest of a house, which may be many times larger, is heard through doors only.
@@ -71,6 +81,46 @@ class Axes:
         return yaw_matrix(np.radians(self.turn)) @ upright(self.up or files.up, self.front or files.front)
 
 
+@dataclass(frozen=True)
+class ScanAcoustics:
+    """How the surfaces of a scan sound, as far as its user says.
+
+    Attributes:
+        materials: a SoundSpaces material file.
+        surfaces: place (one of `generators.scans.places.PLACES`) → acoustic material.
+        t30: measured reverberation time, s, of every room or by room.
+        furnished: whether rooms of a scan without annotations are kept in the range of furnished rooms.
+    """
+
+    materials: Path | None = None
+    surfaces: Mapping[str, str] = field(default_factory=dict)
+    t30: float | Mapping[str, float] | None = None
+    furnished: bool = True
+
+    def times(self, rooms: Sequence[Room]) -> dict[str, float]:
+        """Room → its measured reverberation time, s."""
+        if self.t30 is None:
+            return {}
+        if isinstance(self.t30, Mapping):
+            return {room.name: self.t30[room.name] for room in rooms if room.name in self.t30}
+        return dict.fromkeys((room.name for room in rooms), self.t30)
+
+
+@dataclass(frozen=True)
+class SoundReport:
+    """What was guessed about the sound of a scan.
+
+    Attributes:
+        surfaces: what its rooms are made of.
+        rooms: their reverberation times.
+        escaped: share of the flights of sound from surface to surface that left the scan before its holes were closed.
+    """
+
+    surfaces: tuple[SurfaceRow, ...]
+    rooms: tuple[RoomDecay, ...]
+    escaped: float
+
+
 def load_scan(
     name: str,
     source: str | Path | ScanFiles,
@@ -79,9 +129,26 @@ def load_scan(
     licence: Licence | None = None,
     axes: Axes = Axes(),  # frozen
     textures: bool = True,
-    materials: Path | None = None,
+    acoustics: ScanAcoustics = ScanAcoustics(),  # frozen
     need: Sequence[str] = (),
 ) -> Scene:
+    """Read a scan; see `read_scan`."""
+    return read_scan(
+        name, source, rooms, licence=licence, axes=axes, textures=textures, acoustics=acoustics, need=need
+    )[0]
+
+
+def read_scan(
+    name: str,
+    source: str | Path | ScanFiles,
+    rooms: Mapping[str, ArrayLike] | None = None,
+    *,
+    licence: Licence | None = None,
+    axes: Axes = Axes(),  # frozen
+    textures: bool = True,
+    acoustics: ScanAcoustics = ScanAcoustics(),  # frozen
+    need: Sequence[str] = (),
+) -> tuple[Scene, SoundReport]:
     """Read a scan.
 
     Args:
@@ -92,21 +159,20 @@ def load_scan(
         licence: of the scan; without it, that it comes from ``source`` and its terms are not known.
         axes: of the file.
         textures: whether colour is read; a renderer that reads `Scene.stage` itself needs none.
-        materials: a SoundSpaces material file.
+        acoustics: materials and reverberation times that are known.
         need: rooms without which the scan is of no use.
 
     Returns:
         One part with instance id 0, without a light map; the rooms; the supports found in each; the stage's file and
-        that of the splats.
+        that of the splats. And what was guessed about its sound.
 
     Raises:
         Avs3dError: if the scan is unknown, a file of it is missing or broken, its textures need a decoder that is not
-            there, a box is no box, a box that was given or is needed holds no floor, or a room that is needed is not
-            found.
+            there, a box is no box, a box that was given or is needed holds no floor, a room that is needed is not
+            found, or a reverberation time is out of reach.
     """
     files = _files(name, source)
     rotation = axes.rotation(files)
-    table = read_material_file(materials) if materials is not None else None
     annotations = _read_annotations(files, rotation)
     if annotations is not None and axes.scale != 1.0:
         raise Avs3dError(f"scan {name}: scale {axes.scale:g}, but annotated scans are in metres; leave it out")
@@ -133,11 +199,37 @@ def load_scan(
             continue
         found.append((_on_floor(room, floor), floor))
         supports += own if annotations is None else [s for s in own if _usable(s, annotations)]
-    mesh = labelled(_decimated(mesh, [room for room, _ in found]), found, annotations, table)
+    mesh, report = _with_sound(mesh, found, annotations, acoustics)
     part = Part(name, mesh, licence=licence or Licence("unknown", "unknown", files.mesh.name))
     stage = StageFile(files.mesh, axes.up or files.up, axes.front or files.front, axes.turn, axes.scale)
     splats = SplatFile(files.splats, similarity(rotation, axes.scale)) if files.splats is not None else None
-    return Scene(name, (part,), tuple(room for room, _ in found), tuple(supports), stage=stage, splats=splats)
+    return Scene(name, (part,), tuple(room for room, _ in found), tuple(supports), stage=stage, splats=splats), report
+
+
+def _with_sound(
+    mesh: Mesh, found: Sequence[tuple[Room, float]], annotations: Annotations | None, acoustics: ScanAcoustics
+) -> tuple[Mesh, SoundReport]:
+    """The mesh with its acoustic twin: labelled, decimated, closed, with the reverberation that it should have.
+
+    Raises:
+        Avs3dError: if the material file is broken or a reverberation time is out of reach.
+    """
+    table = read_material_file(acoustics.materials) if acoustics.materials is not None else None
+    known = labelled(mesh, found, annotations, table, acoustics.surfaces)
+    rows, rooms = surface_table(known, found), [room for room, _ in found]
+    mesh = _decimated(known.mesh, rooms)
+    backing = backing_of(mesh.acoustic_positions.astype(np.float64), rooms)
+    floors = {FLOOR_OF_ROOM.get(room.name, MATERIAL_OF["floor"]) for room in rooms}
+    usual = {**MATERIAL_OF, "floor": floors.pop() if len(floors) == 1 else MATERIAL_OF["floor"], **acoustics.surfaces}
+    triangles = np.concatenate([mesh.acoustic_positions, backing.triangles.astype(np.float32)])
+    labels = (*mesh.acoustic_labels, *(usual[place] for place in backing.places.tolist()))
+    decays: tuple[RoomDecay, ...] = ()
+    times = acoustics.times(rooms)
+    if annotations is None or times:
+        held = annotations is None and acoustics.furnished
+        labels, decays = match_rooms(triangles.astype(np.float64), labels, rooms, times, usual=held)
+    mesh = replace(mesh, acoustic_positions=triangles, acoustic_labels=labels)
+    return mesh, SoundReport(rows, decays, backing.escaped)
 
 
 def similarity(rotation: NDArray[np.float64], scale: float = 1.0) -> NDArray[np.float64]:

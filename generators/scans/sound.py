@@ -1,21 +1,27 @@
-"""How the surfaces of a scan sound: acoustic labels from annotations where there are some, else by slope and height.
+"""How the surfaces of a scan sound: acoustic labels from annotations where there are some, else from their places.
 
-The category of the object that a face belongs to is looked up in `CATEGORIES`; what stands nowhere, and all of a scan
-without annotations, gets the default: the floor is parquet (tiles in a bathroom), level tops are wood, the rest is
-plaster. A SoundSpaces material file replaces the table for the categories that it names.
+The category of the object that a face belongs to is looked up in `CATEGORIES`; what stands nowhere gets the default:
+the floor is parquet (tiles in a bathroom), level tops are wood, the rest is plaster. A SoundSpaces material file
+replaces the table for the categories that it names. Without annotations, `generators.scans.places` guesses what a face
+is, and `MATERIAL_OF` what that is made of. The manifest's ``surfaces`` decides before all of these, but not over an
+annotated object.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from avs3d_bench.errors import UsageError, did_you_mean, excerpt
 from generators.acoustics.materialfile import MaterialFile
+from generators.acoustics.materials import MATERIALS, triangle_areas
 from generators.core.scene import Mesh, Room
 from generators.scans.annotations import AnnotatedObject, Annotations
+from generators.scans.places import AROUND, PLACES, REASONS, near_room, places_of
 
 Array = NDArray[np.float64]
 
@@ -27,6 +33,18 @@ FLOOR_LABEL = "parquet"
 #: Floors of rooms that are not parquet.
 FLOOR_OF_ROOM = {"bathroom": "tile"}
 TOP_LABEL = "wood"
+#: Place of a scan without annotations → its label.
+MATERIAL_OF = {
+    "floor": FLOOR_LABEL,
+    "wall": "plaster",
+    "ceiling": "plaster",
+    "window": "glass",
+    "soft": "clutter",
+    "shelves": "paper",
+    "curtain": "curtain",
+    "furniture": TOP_LABEL,
+    "other": DEFAULT_LABEL,
+}
 
 #: Acoustic label → names of objects (HM3D's free words and Matterport3D's mpcat40), and heads of longer names.
 CATEGORIES: dict[str, str] = {
@@ -90,9 +108,55 @@ def no_table(item: AnnotatedObject) -> bool:
     return label_of_category(sorted(words)) in _SOFT or any(word.split()[-1] in _SEATS for word in words)
 
 
+def check_surfaces(surfaces: Mapping[str, str], where: str) -> None:
+    """Check the places and materials of a manifest's ``surfaces``, or of a command's options.
+
+    Args:
+        surfaces: place → acoustic material.
+        where: for messages.
+
+    Raises:
+        UsageError: naming the first one that does not exist, with those that do.
+    """
+    for place, material in surfaces.items():
+        for what, name, known in (("place", place, PLACES), ("acoustic material", material, tuple(MATERIALS))):
+            if name not in known:
+                hint = did_you_mean(name, known)
+                raise UsageError(f"{where}: unknown {what} {excerpt(name)}; expected one of {', '.join(known)}{hint}")
+
+
+class LabelledScan(NamedTuple):
+    """A scan's mesh with a label on every acoustic face, and (A,) the place of each, one of `PLACES`."""
+
+    mesh: Mesh
+    places: NDArray[np.str_]
+
+
+class SurfaceRow(NamedTuple):
+    """One line of the table of what a scan's rooms are made of.
+
+    Attributes:
+        place: one of `PLACES`.
+        material: acoustic label.
+        area: m², in all rooms.
+        share: of the area of all rooms.
+        why: what the guess rests on.
+    """
+
+    place: str
+    material: str
+    area: float
+    share: float
+    why: str
+
+
 def labelled(
-    mesh: Mesh, rooms: Sequence[tuple[Room, float]], annotations: Annotations | None, materials: MaterialFile | None
-) -> Mesh:
+    mesh: Mesh,
+    rooms: Sequence[tuple[Room, float]],
+    annotations: Annotations | None,
+    materials: MaterialFile | None,
+    surfaces: Mapping[str, str] | None = None,
+) -> LabelledScan:
     """``mesh`` with a label on every acoustic face.
 
     Args:
@@ -100,34 +164,71 @@ def labelled(
         rooms: each room with the height of its floor.
         annotations: of the scan.
         materials: a SoundSpaces material file.
+        surfaces: place → label, as the manifest corrects it.
     """
     triangles = mesh.acoustic_positions.astype(np.float64)
     middle = triangles.mean(axis=1)
     labels = np.array(mesh.acoustic_labels, dtype=object)
-    kinds = _kinds(triangles, middle, rooms)
+    annotated = annotations is not None
+    places = _kinds(triangles, middle, rooms) if annotated else places_of(mesh, rooms)
+    table = {"floor": FLOOR_LABEL, "furniture": TOP_LABEL} if annotated else MATERIAL_OF
     unknown = labels == DEFAULT_LABEL
-    for kind, label in (("floor", FLOOR_LABEL), ("top", TOP_LABEL)):
-        labels[unknown & (kinds == kind)] = label
+    for place, label in table.items():
+        labels[unknown & (places == place)] = label
     for name, label in FLOOR_OF_ROOM.items():
-        labels[unknown & (kinds == "floor") & _inside(middle, [room for room, _ in rooms if room.name == name])] = label
-    floors = labels.copy()
+        inside = _inside(middle, [room for room, _ in rooms if room.name == name])
+        labels[unknown & (places == "floor") & inside] = label
+    named = np.zeros(len(labels), dtype=bool)
     if annotations is not None:
-        owners = annotations.owners(middle)
-        table = [_label_of_object(item, materials) for item in annotations.objects]
-        for number in np.unique(owners[owners >= 0]):
-            own, label = owners == number, table[number]
-            if label == "floor":
-                labels[own] = np.where(kinds[own] == "floor", floors[own], FLOOR_LABEL)
-            elif label is not None:
-                labels[own] = label
+        named = _annotate(labels, places == "floor", annotations.owners(middle), annotations, materials)
     if materials is not None:
         # What no annotation names is still a wall, a floor or a ceiling to the file.
-        named = owners >= 0 if annotations is not None else np.zeros(len(labels), dtype=bool)
         for kind in ("wall", "floor", "ceiling"):
             given = materials.label_for([kind])
             if given is not None:
-                labels[unknown & ~named & (kinds == kind)] = given
-    return replace(mesh, acoustic_labels=tuple(str(label) for label in labels))
+                labels[unknown & ~named & (places == kind)] = given
+    shell = named & ~np.isin(labels.astype(str), (FLOOR_LABEL, DEFAULT_LABEL))
+    for place, label in (surfaces or {}).items():
+        labels[(places == place) & ~shell] = label
+    return LabelledScan(replace(mesh, acoustic_labels=tuple(str(label) for label in labels)), places)
+
+
+def _annotate(
+    labels: NDArray[np.object_],
+    ground: NDArray[np.bool_],
+    owners: NDArray[np.signedinteger],
+    annotations: Annotations,
+    materials: MaterialFile | None,
+) -> NDArray[np.bool_]:
+    """Set the labels (A,) of faces that belong to annotated objects; (A,) which do."""
+    floors = labels.copy()
+    table = [_label_of_object(item, materials) for item in annotations.objects]
+    for number in np.unique(owners[owners >= 0]):
+        own, label = owners == number, table[number]
+        if label == "floor":
+            labels[own] = np.where(ground[own], floors[own], FLOOR_LABEL)
+        elif label is not None:
+            labels[own] = label
+    return np.asarray(owners >= 0)
+
+
+def surface_table(scan: LabelledScan, rooms: Sequence[tuple[Room, float]]) -> tuple[SurfaceRow, ...]:
+    """What the rooms of a scan are made of: rows in the order of `PLACES`, then by area."""
+    triangles = scan.mesh.acoustic_positions.astype(np.float64)
+    area, middle = triangle_areas(triangles), triangles.mean(axis=1)
+    near = np.zeros(len(area), dtype=bool)
+    for room, _ in rooms:
+        near |= near_room(middle, room, AROUND)
+    labels, whole = np.array(scan.mesh.acoustic_labels), float(area[near].sum())
+    rows = []
+    for place in PLACES:
+        own = near & (scan.places == place)
+        sums = {str(label): float(area[own & (labels == label)].sum()) for label in np.unique(labels[own])}
+        rows += [
+            SurfaceRow(place, label, size, size / whole, REASONS[place])
+            for label, size in sorted(sums.items(), key=lambda pair: -pair[1])
+        ]
+    return tuple(rows)
 
 
 def _label_of_object(item: AnnotatedObject, materials: MaterialFile | None) -> str | None:
@@ -137,15 +238,15 @@ def _label_of_object(item: AnnotatedObject, materials: MaterialFile | None) -> s
 
 
 def _kinds(triangles: Array, middle: Array, rooms: Sequence[tuple[Room, float]]) -> NDArray[np.str_]:
-    """(A,) ``floor``, ``top``, ``ceiling`` or ``wall`` by slope and height above the floor of the room."""
+    """(A,) ``floor``, ``furniture`` (a level top), ``ceiling``, ``wall`` or ``other`` by slope and height."""
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     level = np.abs(cross[:, 1]) >= LEVEL * np.maximum(np.linalg.norm(cross, axis=1), 1e-20)
-    kinds = np.where(level, "", "wall").astype("<U8")
+    kinds = np.where(level, "other", "wall").astype("<U9")
     for room, floor in rooms:
         inside = level & _inside(middle, [room])
         above = middle[:, 1] - floor
         kinds[inside & (np.abs(above) <= 0.12)] = "floor"
-        kinds[inside & (above > 0.3) & (above < 1.2)] = "top"
+        kinds[inside & (above > 0.3) & (above < 1.2)] = "furniture"
         kinds[inside & (above >= 2.0)] = "ceiling"
     return kinds
 

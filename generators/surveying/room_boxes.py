@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from generators.scans.patches import largest_rectangle
+from generators.scans.layers import largest_rectangle
 from generators.surveying.cloud import SurfaceCloud, quantiles
 from generators.surveying.frame import LEVEL, Levels
 

@@ -11,7 +11,7 @@ import trimesh
 from avs3d_bench.errors import Avs3dError
 from generators.core.scene import Scene, Support
 from generators.scans.layers import largest_rectangle, rectangles
-from generators.scans.scan import Axes, load_scan
+from generators.scans.scan import Axes, ScanAcoustics, load_scan
 
 BOX = [[-2.0, 0.0, -1.5], [2.0, 2.5, 1.5]]
 
@@ -115,8 +115,9 @@ def test_free_walls_point_into_the_room(scan: Scene) -> None:
     )
 
 
-def test_surfaces_sound_by_where_they_are(scan: Scene) -> None:
-    mesh = scan.parts[0].mesh
+def test_surfaces_sound_by_where_they_are(folder: Path) -> None:
+    plain = ScanAcoustics(furnished=False)
+    mesh = load_scan("abcDEF", folder, {"kitchen": BOX}, acoustics=plain).parts[0].mesh
     middle = mesh.acoustic_positions.mean(axis=1)
     labels = np.array(mesh.acoustic_labels)
     assert set(labels[np.abs(middle[:, 1]) < 0.004]) == {"parquet"}

@@ -23,7 +23,15 @@ from generators.placement.contact import LEAN
 from generators.placement.placement import Placement, place
 from generators.placement.site import Site
 from generators.placement.spots import _level
-from generators.scans.scan import ACOUSTIC_FACES, ACOUSTIC_FACES_BEYOND, load_scan
+from generators.scans.reverberation import trace_room
+from generators.scans.scan import (
+    ACOUSTIC_FACES,
+    ACOUSTIC_FACES_BEYOND,
+    ScanAcoustics,
+    SoundReport,
+    load_scan,
+    read_scan,
+)
 from generators.vision.embree import EmbreeBackend
 from tests.support import scan_like
 from tests.support.resting import gaps_below
@@ -70,8 +78,18 @@ def boxes(home: Scene) -> dict[str, list[tuple[float, ...]]]:
 
 
 @pytest.fixture(scope="module")
-def scan(fused: scan_like.Fused, boxes: dict, tmp_path_factory: pytest.TempPathFactory) -> Scene:
-    return load_scan("flat", scan_like.write_glb(fused, tmp_path_factory.mktemp("scan") / "flat.glb"), boxes)
+def read(fused: scan_like.Fused, boxes: dict, tmp_path_factory: pytest.TempPathFactory) -> tuple[Scene, SoundReport]:
+    return read_scan("flat", scan_like.write_glb(fused, tmp_path_factory.mktemp("scan") / "flat.glb"), boxes)
+
+
+@pytest.fixture(scope="module")
+def scan(read: tuple[Scene, SoundReport]) -> Scene:
+    return read[0]
+
+
+@pytest.fixture(scope="module")
+def report(read: tuple[Scene, SoundReport]) -> SoundReport:
+    return read[1]
 
 
 @pytest.fixture(scope="module")
@@ -296,8 +314,14 @@ def test_the_acoustic_mesh_is_finest_in_the_rooms(scan: Scene, boxes: dict, tmp_
     assert inside(alone) > 1.5 * inside(scan)
 
 
-def test_without_annotations_height_and_slope_tell(scan: Scene) -> None:
-    assert set(scan.parts[0].mesh.acoustic_labels) == {"plaster", "parquet", "tile", "wood"}
+def test_without_annotations_rooms_sound_like_the_home(report: SoundReport, home: Scene) -> None:
+    """Guessed materials and closed holes: the reverberation of the home that was scanned."""
+    assert {row.material for row in report.surfaces} >= {"plaster", "parquet", "tile", "wood", "clutter"}
+    triangles = np.concatenate([part.mesh.acoustic_positions for part in home.parts]).astype(np.float64)
+    labels = [label for part in home.parts for label in part.mesh.acoustic_labels]
+    for decay in report.rooms:
+        true = trace_room(triangles, labels, home.room(decay.room)).decay_time()
+        assert decay.t30 == pytest.approx(true, rel=0.15), decay
 
 
 def test_a_material_file_decides_for_the_categories_it_names(
@@ -305,7 +329,7 @@ def test_a_material_file_decides_for_the_categories_it_names(
 ) -> None:
     file = tmp_path / "materials.json"
     file.write_text('{"materials": [{"name": "felt", "labels": ["Couch"], "absorption": [100, 0.5, 8000, 0.5]}]}')
-    scan = load_scan("TEEsavR23oF", root, materials=file)
+    scan = load_scan("TEEsavR23oF", root, acoustics=ScanAcoustics(materials=file))
     assert most_common_label(scan, fused, "living_room/sofa_0").startswith("given:0.5000,")
     assert most_common_label(scan, fused, "kitchen/fridge_0") == "metal"
 
