@@ -56,6 +56,19 @@ def _rooms(_: click.Context, __: click.Parameter, value: str | None) -> RoomChoi
     return RoomChoice(tuple(names.items()), text=value)
 
 
+def _surfaces(_: click.Context, __: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
+    """Read ``wall=brick`` of each ``--material``."""
+    from generators.scans.places import PLACES
+
+    found: dict[str, str] = {}
+    for value in values:
+        place, _sign, material = value.partition("=")
+        if place not in PLACES or not material:
+            raise UsageError(f"--material {value}: expected PLACE=NAME, the place one of {', '.join(PLACES)}")
+        found[place] = material
+    return found
+
+
 @click.command(context_settings=HELP, short_help="Turn a scan of a room into a manifest.")
 @click.argument("file", type=PATH)
 @click.option("-o", "--output", type=OutputFile(SCANNED), required=True, metavar="FILE", help="The manifest to write.")
@@ -72,6 +85,14 @@ def _rooms(_: click.Context, __: click.Parameter, value: str | None) -> RoomChoi
 )
 @click.option("--up", type=_AXIS, default=None, help="The file's axis that points up.")
 @click.option("--front", type=_AXIS, default=None, help="The file's axis that becomes +Z; with --up.")
+@click.option(
+    "--material",
+    "surfaces",
+    multiple=True,
+    callback=_surfaces,
+    metavar="PLACE=NAME",
+    help="Acoustic material of a place, e.g. wall=brick; repeatable.",
+)
 @name_option("that of the output")
 @click.option(
     "--licence", nargs=2, default=None, metavar="NAME AUTHOR", help="Licence and author of the scan (default: unknown)."
@@ -82,6 +103,7 @@ def scan(
     output: Path,
     name: str | None,
     licence: tuple[str, str] | None,
+    surfaces: dict[str, str],
     replace: bool,
     **known: Any,
 ) -> None:
@@ -96,7 +118,7 @@ def scan(
 
     if known["front"] is not None and known["up"] is None:
         raise UsageError("--front needs --up: expected both axes, or --up alone")
-    request = ScanRequest(file, output, KnownFrame(**known), name, licence)
+    request = ScanRequest(file, output, KnownFrame(**known), name, licence, surfaces)
     _check_outputs(request, replace)
     outcome = survey_scan(request, shlex.join(["avs3d", "scan", str(file), *_given(click.get_current_context())]))
     for guess in outcome.survey.guesses:
@@ -139,4 +161,6 @@ def _given(context: click.Context) -> list[str]:
             value = context.params[name]
             values = value if isinstance(value, tuple) else (getattr(value, "text", value),)
             words += [f"--{name}", *(f"{one:g}" if isinstance(one, float) else str(one) for one in values)]
+    for place, material in context.params["surfaces"].items():
+        words += ["--material", f"{place}={material}"]
     return words

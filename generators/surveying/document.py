@@ -102,6 +102,7 @@ def _scan_lines(document: dict[str, Any], survey: Survey) -> list[str]:
         "front": "axis of the file that becomes +Z",
         "turn": f"degrees about +Y, counter-clockwise seen from above: {how['turn']}",
         "scale": f"metres in a unit of the file: {how['scale']}",
+        "surfaces": "place → acoustic material, given",
         "licence": "of the scan",
     }
     lines = ["scans:", f"  {name}:"]

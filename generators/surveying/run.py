@@ -37,6 +37,7 @@ class ScanRequest:
     known: KnownFrame = field(default_factory=KnownFrame)
     name: str | None = None
     licence: tuple[str, str] | None = None
+    surfaces: dict[str, str] = field(default_factory=dict)
 
     @property
     def page(self) -> Path:
@@ -70,6 +71,8 @@ def survey_scan(request: ScanRequest, command: str) -> ScanOutcome:
     surveyed = survey(request.file.name, mesh.positions, request.known, gltf=_is_gltf(request.file))
     name = request.name or _slug(request.output.stem)
     document = document_of(name, relative_name(request.file, request.output), surveyed, request.licence)
+    if request.surfaces:
+        document["scans"][name]["surfaces"] = request.surfaces
     boxes = {room: np.array([surveyed.boxes[n].low, surveyed.boxes[n].high]) for room, n in surveyed.rooms.items()}
     home = load_scan(
         name,
