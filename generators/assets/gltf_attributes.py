@@ -29,7 +29,7 @@ def plain_attributes(tree: dict[str, Any], binary: bytes) -> bytes:
     Returns:
         The buffer; the same object if nothing had to be done.
     """
-    out = bytearray(binary)
+    out, changed = bytearray(binary), False
     known: dict[tuple[Any, ...], int] = {}
     for primitive in (p for mesh in tree.get("meshes", []) for p in mesh.get("primitives", [])):
         if DRACO in primitive.get("extensions", {}):
@@ -37,7 +37,7 @@ def plain_attributes(tree: dict[str, Any], binary: bytes) -> bytes:
         attributes = primitive["attributes"]
         chosen, matrix = _coordinates(tree, primitive)
         if chosen is not None and chosen in attributes and chosen != "TEXCOORD_0":
-            attributes["TEXCOORD_0"] = attributes[chosen]
+            attributes["TEXCOORD_0"], changed = attributes[chosen], True
         for name in _FLOATS:
             if name not in attributes:
                 continue
@@ -54,7 +54,7 @@ def plain_attributes(tree: dict[str, Any], binary: bytes) -> bytes:
                     values = values @ turn[:, :2].T + turn[:, 2]
                 known[key] = _append(tree, out, values.astype("<f4"), accessor["type"])
             attributes[name] = known[key]
-    return bytes(out) if known else binary
+    return bytes(out) if known or changed else binary
 
 
 def _coordinates(tree: dict[str, Any], primitive: dict[str, Any]) -> tuple[str | None, NDArray[np.float64] | None]:

@@ -1,7 +1,7 @@
 """Reads GLB, glTF, OBJ and PLY files as a `Mesh`, or as a `Model` of one of the categories.
 
 Colours follow each format: glTF's factors and vertex colours are linear light, those of OBJ and PLY are sRGB. An OBJ's
-``Kd`` is ignored if it has ``map_Kd``, which is the intention of most writers. Vertex colours become a texture of 2 × 2
+``Kd`` is ignored if it has ``map_Kd``, which is the intention of most writers. Vertex colours become a texture of 4 × 4
 texels per face; beside a texture they are ignored. Alpha, emission and roughness are ignored.
 """
 
@@ -82,6 +82,11 @@ _WORDS = {
     "paper": "paper book cardboard",
     "foliage": "plant leaf foliage",
 }
+#: Meshes of more faces have one colour per face: faces are then smaller than pixels, whose averages would mix texels
+#: of distant faces.
+_SHADED_MOST = 300_000
+#: Side of a tile of faces in the texture of vertex colours.
+_TILE = 64
 #: Above this number of faces, plain face normals replace the slow `corner_normals` (a loop over vertices).
 _SMOOTH_LIMIT = 60_000
 
@@ -348,7 +353,7 @@ def _surface(
     if kind in ("vertex", "face"):
         texture, uv = (
             _shaded(np.asarray(visual.vertex_colors, dtype=np.float64)[faces, :3], triangles, name, gltf)
-            if kind == "vertex"
+            if kind == "vertex" and len(faces) <= _SHADED_MOST
             else _palette(visual, name, faces, kept, gltf)
         )
         fresh = Material(name, _sounds_like(name, acoustic), texture=texture)
@@ -360,6 +365,8 @@ def _surface(
     painted = getattr(visual, "vertex_attributes", {}).get("color")
     if painted is not None and getattr(source, "baseColorTexture", None) is None:
         colours = np.asarray(to_rgba(painted), dtype=np.float64)[faces, :3]
+        if len(faces) > _SHADED_MOST:
+            colours[:] = colours.mean(axis=1, keepdims=True)
         plain = _material(file, source, name, gltf, acoustic)
         texture, uv = _shaded(colours, triangles, name, gltf)
         return known.setdefault(id(visual), replace(plain, texture=texture)), uv
@@ -402,9 +409,10 @@ def _material(file: Path, source: Any, name: str, gltf: bool, acoustic: str) -> 
 def _shaded(colours: Array, triangles: Array, name: str, gltf: bool) -> tuple[Texture, Array]:
     """A texture in which the corners' colours run into one another, and its (F, 3, 2) coordinates.
 
-    Each face has 2 × 2 texels: its corners' colours and, opposite to the first, the one that makes bilinear look-up
-    linear over the face. Faces near to one another lie near in the texture (by Morton's order), because a renderer
-    averages neighbouring texels where faces are smaller than its pixels.
+    Each face has 4 × 4 texels: in the middle its corners' colours and, opposite to the first, the one that makes
+    bilinear look-up linear over the face; around them the same gradient, for a renderer that averages texels where
+    faces are as small as its pixels. Faces near to one another lie near in the texture, in tiles of 64 × 64 by Morton's
+    order.
 
     Args:
         colours: (F, 3, 3) of each corner, 0 to 255; linear light in glTF.
@@ -413,23 +421,29 @@ def _shaded(colours: Array, triangles: Array, name: str, gltf: bool) -> tuple[Te
         gltf: whether the colours are linear light.
     """
     light = colours / 255 if gltf else to_linear(colours)
-    fourth = np.clip(light[:, 1] + light[:, 2] - light[:, 0], 0, 1)
-    blocks = to_srgb(np.stack([light[:, 0], light[:, 1], light[:, 2], fourth], axis=1))
+    # Any corner may be the first: take the one whose opposite texel is least outside of the range.
+    opposite = light.sum(axis=1, keepdims=True) - 2 * light
+    first = np.argmin(np.abs(opposite - np.clip(opposite, 0, 1)).sum(axis=2), axis=1)
+    order = (first[:, None] + np.arange(3)) % 3
+    start, right, down = np.take_along_axis(light, order[..., None], axis=1).transpose(1, 0, 2)
+    right, down = right - start, down - start
     middle = triangles.mean(axis=1)
     span = max(float(np.ptp(middle, axis=0).max()), 1e-12)
     place = np.empty(len(middle), dtype=np.int64)
-    place[np.argsort(_morton(((middle - middle.min(axis=0)) / span * 1023).astype(np.int64)), kind="stable")] = (
-        np.arange(len(middle))
-    )
-    wide = max(1, math.isqrt(len(middle) // 64))
-    tile, inside = place // 64, place % 64
-    column, row = (_compact(inside >> axis) + 8 * at for axis, at in ((0, tile % wide), (1, tile // wide)))
-    image = np.zeros((16 * int(tile.max() // wide + 1), 16 * wide, 3), dtype=np.uint8)
-    for number, (down, right) in enumerate(((0, 0), (0, 1), (1, 0), (1, 1))):
-        image[2 * row + down, 2 * column + right] = blocks[:, number]
-    u, v = (2 * column + 0.5) / image.shape[1], 1 - (2 * row + 0.5) / image.shape[0]
-    right, down = 1 / image.shape[1], 1 / image.shape[0]
-    uv = np.stack([np.stack([u, v], 1), np.stack([u + right, v], 1), np.stack([u, v - down], 1)], axis=1)
+    near = np.argsort(_morton(((middle - middle.min(axis=0)) / span * 1023).astype(np.int64)), kind="stable")
+    place[near] = np.arange(len(middle))
+    wide = max(1, math.isqrt(len(middle) // _TILE**2))
+    tile, inside = np.divmod(place, _TILE**2)
+    column, row = _TILE * (tile % wide) + _compact(inside), _TILE * (tile // wide) + _compact(inside >> 1)
+    image = np.zeros((4 * _TILE * int(tile.max() // wide + 1), 4 * _TILE * wide, 3), dtype=np.uint8)
+    for y in range(4):
+        for x in range(4):
+            image[4 * row + y, 4 * column + x] = to_srgb(start + (x - 1) * right + (y - 1) * down)
+    height, width = image.shape[:2]
+    corner = np.stack([(4 * column + 1.5) / width, 1 - (4 * row + 1.5) / height], axis=1)
+    uv = np.empty((len(middle), 3, 2))
+    step = np.array([[0, 0], [1 / width, 0], [0, -1 / height]])
+    np.put_along_axis(uv, order[..., None], corner[:, None] + step, axis=1)
     return Texture(f"{name}_colours", image), uv
 
 
@@ -444,8 +458,11 @@ def _morton(cells: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _compact(number: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Every second bit of six."""
-    return (number & 1) | ((number >> 1) & 2) | ((number >> 2) & 4)
+    """(N,) every second bit of twelve."""
+    out = np.zeros_like(number)
+    for bit in range(6):
+        out |= ((number >> (2 * bit)) & 1) << bit
+    return out
 
 
 def _palette(

@@ -3,11 +3,11 @@
     walk → pictures and poses with drift → which pieces of the surface are seen → fused, noisy, decimated mesh
          → each face shows the picture that sees it best
 
-Faults: noise of a few mm that grows with distance, melted detail, drift (a loop that does not close), holes where nothing
-looked, where glass is and at random, floating fragments, and pictures whose exposure and white balance wander.
+Faults: noise of a few mm that grows with distance, melted detail, drift (a loop that does not close), holes where
+nothing looked, where glass is and at random, floating fragments, and pictures whose exposure and white balance wander.
 
-A scan's file has its origin at the phone's first position and any heading. What is known of the home is in the *aligned*
-frame: the home's axes, and the same origin.
+A scan's file has its origin at the phone's first position and any heading. What is known of the home is in the
+*aligned* frame: the home's axes, and the same origin.
 """
 
 from __future__ import annotations
