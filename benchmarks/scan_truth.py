@@ -102,7 +102,7 @@ def _points(support: dict[str, Any]) -> Array:
     """(GRID², 3) points on a support."""
     share = (np.arange(GRID) + 0.5) / GRID
     a, b = (g.reshape(-1, 1) for g in np.meshgrid(share, share))
-    return np.asarray(support["origin"]) + a * np.asarray(support["u"]) + b * np.asarray(support["v"])
+    return np.asarray(np.asarray(support["origin"]) + a * np.asarray(support["u"]) + b * np.asarray(support["v"]))
 
 
 def _share_covered(supports: list[dict[str, Any]], by: list[dict[str, Any]]) -> float | None:

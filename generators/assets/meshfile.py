@@ -120,9 +120,9 @@ def load_mesh(
     found = (_piece(file, name, part, matrix, acoustic, known) for name, part, matrix in instances)
     pieces = [piece for piece in found if piece is not None]
     if not pieces:
-        names = ", ".join(repr(name) for name, _, _ in instances[:3])
-        if names:
-            raise Avs3dError(f"{file}: every face of {names} is degenerate (no area); repair the mesh")
+        flat = ", ".join(repr(name) for name, _, _ in instances[:3])
+        if flat:
+            raise Avs3dError(f"{file}: every face of {flat} is degenerate (no area); repair the mesh")
         raise Avs3dError(f"{file}: has no faces (an empty scene, or points and lines only); expected triangles")
     positions = np.concatenate([p.positions for p in pieces])
     materials = tuple({id(p.materials[0]): p.materials[0] for p in pieces}.values())

@@ -122,7 +122,7 @@ def _halved(image: NDArray[np.uint8] | F32) -> F32:
     """Halve both axes of linear light, or of 8-bit sRGB; in strips, since a scan's texture has 10⁸ texels."""
 
     def both(rows: NDArray[np.uint8] | F32) -> F32:
-        linear: F32 = decode_table()[rows] if rows.dtype == np.uint8 else rows
+        linear: F32 = np.asarray(decode_table()[rows] if rows.dtype == np.uint8 else rows, dtype=np.float32)
         return _halve(_halve(linear).transpose(1, 0, 2)).transpose(1, 0, 2)
 
     height, width = image.shape[:2]

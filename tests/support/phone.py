@@ -41,7 +41,7 @@ RANGE, GRAZING = (0.25, 4.5), 0.1
 #: Height at which the phone is held (m).
 HELD = 1.35
 #: Pitches (rad) through which the phone is swept, with and without looking up to the ceiling.
-PITCHES, LOW_PITCHES = (-0.5, 0.2, -0.15, 0.45), (-0.55, -0.1, -0.35, 0.0)
+PITCHES, LOW_PITCHES = (-0.5, 0.2, -0.15, 0.45), (-0.6, -0.35, -0.5, -0.25)
 #: Views from each place.
 TURNS = 8
 #: Longest edge of the fine mesh, and side of the voxels in which detail melts (m).
