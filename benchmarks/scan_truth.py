@@ -41,15 +41,15 @@ TOPS = ("worktop", "shelf", "side_table")
 
 def turned(path: Path, degrees: float) -> bytes:
     """The bytes of a GLB turned about +Y: a node above its roots."""
-    from generators.assets.gltf import _load, _pack
+    from generators.assets.gltf import load_gltf, pack_glb
 
-    tree, binary = _load(path)
+    tree, binary = load_gltf(path)
     matrix = np.eye(4)
     matrix[:3, :3] = rotation("y", degrees)
     scene = tree["scenes"][tree.get("scene", 0)]
     tree["nodes"].append({"children": scene["nodes"], "matrix": matrix.T.reshape(-1).tolist()})
     scene["nodes"] = [len(tree["nodes"]) - 1]
-    return _pack(tree, binary)
+    return pack_glb(tree, binary)
 
 
 def measure(folder: Path) -> dict[str, Any]:

@@ -131,7 +131,7 @@ def check_images(file: Path) -> None:
     Raises:
         Avs3dError: naming the image.
     """
-    tree, binary = _load(file)
+    tree, binary = load_gltf(file)
     compressed = _basis_images(tree)
     for index, image in enumerate(tree.get("images", [])):
         if index in compressed or "bufferView" not in image:
@@ -161,14 +161,14 @@ def rewritten(file: Path, *, textures: bool = True) -> bytes | None:
     Raises:
         Avs3dError: if KTX2 images are wanted and there is no decoder, or one is broken.
     """
-    tree, binary = _load(file)
+    tree, binary = load_gltf(file)
     before = binary
     if textures and _basis_images(tree):
         binary = _decode_basis(file, tree, binary)
     elif not textures:
         _drop_textures(tree)
     binary = plain_attributes(tree, binary)
-    return None if textures and binary is before else _pack(tree, binary)
+    return None if textures and binary is before else pack_glb(tree, binary)
 
 
 def _decode_basis(file: Path, tree: dict[str, Any], binary: bytes) -> bytes:
@@ -220,7 +220,7 @@ def _basis_images(tree: dict[str, Any]) -> list[int]:
     return [i for i, image in enumerate(images) if i in named or image.get("mimeType") == KTX2]
 
 
-def _load(file: Path) -> tuple[dict[str, Any], bytes]:
+def load_gltf(file: Path) -> tuple[dict[str, Any], bytes]:
     """JSON and binary chunk of a GLB; the buffers and images of a .gltf are gathered in one."""
     tree = read_tree(file)
     if file.suffix.lower() != ".glb":
@@ -280,7 +280,7 @@ def _image_bytes(file: Path, tree: dict[str, Any], binary: bytes, image: dict[st
     return binary[start : start + view["byteLength"]]
 
 
-def _pack(tree: dict[str, Any], binary: bytes) -> bytes:
+def pack_glb(tree: dict[str, Any], binary: bytes) -> bytes:
     """A GLB of a JSON tree and one buffer."""
     for key in ("extensionsUsed", "extensionsRequired"):
         if key in tree:

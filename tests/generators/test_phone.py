@@ -1,4 +1,4 @@
-"""The simulated phone: its scan lies near the truth, is turned as told, shows what was there, lacks what was not seen."""
+"""The simulated phone: its scan lies near the truth, shows what was there and lacks what was not seen."""
 
 from __future__ import annotations
 

@@ -112,7 +112,7 @@ def test_quantised_attributes(tmp_path: Path, dtype: Any) -> None:
     if padding > 0:
         head["bufferViews"][2]["byteStride"] = 4
     path = tmp_path / "q.glb"
-    path.write_bytes(gltf._pack(head, binary))
+    path.write_bytes(gltf.pack_glb(head, binary))
     mesh = load_mesh(path, twin="surface")
     assert mesh.bounds.tolist() == pytest.approx(np.array([[1, 0, 0], [3, 2, 0]]), abs=1e-4)
     moved = Mesh(
@@ -217,7 +217,7 @@ def with_colours(path: Path, suffix: str, colours: np.ndarray) -> Path:
         tree["materials"] = [{"pbrMetallicRoughness": {"metallicFactor": 0}, "name": "scan"}]
         tree["meshes"][0]["primitives"][0]["material"] = 0
         file = path / "c.glb"
-        file.write_bytes(gltf._pack(tree, binary))
+        file.write_bytes(gltf.pack_glb(tree, binary))
     elif suffix == "glb":
         file.write_bytes(scan_like.mesh_glb(SQUARE, FACES, colours=colours))
     else:
