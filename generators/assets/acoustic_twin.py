@@ -8,6 +8,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from generators.assets.shapes import ACOUSTIC_DETAIL, BOX_FACES
+from generators.core.arrays import distinct_rows
 
 Array = NDArray[np.float64]
 Labels = tuple[str, ...]
@@ -25,7 +26,7 @@ def box_faces(low: Array, high: Array) -> Array:
 def weld(triangles: Array, grid: float = 1e-5) -> tuple[Array, NDArray[np.int64]]:
     """Vertices (V, 3) and faces (F, 3) of a triangle soup; corners within ``grid`` metres are one vertex."""
     keys = np.round(triangles.reshape(-1, 3) / grid).astype(np.int64)
-    _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    first, inverse = distinct_rows(keys)
     return triangles.reshape(-1, 3)[first], inverse.reshape(-1, 3)
 
 
@@ -73,13 +74,12 @@ def clustered(triangles: Array, labels: NDArray[np.str_], max_faces: int) -> tup
     cell = 0.05
     while True:
         keys = np.floor((vertices - origin) / cell).astype(np.int64)
-        _, inverse = np.unique(keys, axis=0, return_inverse=True)
-        inverse = inverse.reshape(-1)
+        inverse = distinct_rows(keys)[1]
         counts = np.bincount(inverse)
         means = np.stack([np.bincount(inverse, weights=vertices[:, k]) / counts for k in range(3)], axis=1)
         moved = inverse[faces]
         alive = (moved[:, 0] != moved[:, 1]) & (moved[:, 1] != moved[:, 2]) & (moved[:, 0] != moved[:, 2])
-        _, first = np.unique(np.sort(moved[alive], axis=1), axis=0, return_index=True)
+        first = distinct_rows(np.sort(moved[alive], axis=1))[0]
         keep = np.flatnonzero(alive)[np.sort(first)]
         if len(keep) <= max_faces:
             return means[moved[keep]], tuple(str(x) for x in labels[keep])

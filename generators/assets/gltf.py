@@ -1,18 +1,21 @@
 """Parts of glTF files that common readers cannot handle: compressed meshes, and KTX2 (Basis Universal) textures.
 
-Geometry that is compressed with Draco or meshopt is refused: pip offers no reliable decoder of both. Textures in KTX2
-(``KHR_texture_basisu``: HM3D's ``.basis.glb``) are decoded by `opengl_basisu
-<https://pypi.org/project/opengl-basisu/>`_ if that is installed (extra ``basis``); else only the geometry is read.
+Geometry that is compressed with Draco is read if `DracoPy <https://pypi.org/project/DracoPy/>`_ is installed (extra
+``draco``). With meshopt it is refused: pip offers no built decoder. Textures in KTX2 (``KHR_texture_basisu``: HM3D's
+``.basis.glb``) are decoded by `opengl_basisu <https://pypi.org/project/opengl-basisu/>`_ if that is installed (extra
+``basis``); else only the geometry is read.
 """
 
 from __future__ import annotations
 
+import base64
 import importlib
 import io
 import json
 import struct
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import cv2
 import numpy as np
@@ -20,15 +23,14 @@ from PIL import Image
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.runtime.imports import has_package
+from generators.assets.gltf_attributes import DRACO, plain_attributes
 
 BASISU = "KHR_texture_basisu"
 KTX2 = "image/ktx2"
-#: Extensions that compress the geometry, and the names of their compressors.
-COMPRESSED = {
-    "KHR_draco_mesh_compression": "Draco",
-    "EXT_meshopt_compression": "meshopt",
-    "KHR_meshopt_compression": "meshopt",
-}
+#: Extensions that compress the geometry and cannot be decoded, and the names of their compressors.
+COMPRESSED = {"EXT_meshopt_compression": "meshopt", "KHR_meshopt_compression": "meshopt"}
+#: Largest side of a texture (texels): three bytes of memory per texel, twelve while it is loaded.
+LARGEST_TEXTURE = 16_384
 #: Lists of the document that are read here, and those of them that contain names.
 _OF_NAMES = ("extensionsUsed", "extensionsRequired")
 _LISTS = (*_OF_NAMES, "buffers", "bufferViews", "images", "textures", "materials")
@@ -82,12 +84,22 @@ def refuse_compressed(file: Path, tree: dict[str, Any]) -> None:
         Avs3dError: with the command that unpacks it.
     """
     used = {*tree.get("extensionsUsed", []), *tree.get("extensionsRequired", [])}
+    unpack = f"unpack them: npx @gltf-transform/cli copy {file.name} {file.stem}.plain.glb"
     for extension, name in COMPRESSED.items():
         if extension in used:
             raise Avs3dError(
-                f"{file}: its meshes are compressed with {name} ({extension}), which cannot be read; unpack them: "
-                f"npx @gltf-transform/cli copy {file.name} {file.stem}.plain.glb"
+                f"{file}: its meshes are compressed with {name} ({extension}), which is not read; {unpack}"
             )
+    if DRACO in used and not can_decode_draco():
+        raise Avs3dError(
+            f"{file}: its meshes are compressed with Draco ({DRACO}) and no decoder is installed: pip install "
+            f"'avs3d-bench[draco]', or {unpack}"
+        )
+
+
+def can_decode_draco() -> bool:
+    """Whether the decoder of meshes compressed with Draco is installed."""
+    return has_package("DracoPy")
 
 
 def has_basis(file: Path) -> bool:
@@ -114,33 +126,56 @@ def basis_error(file: Path) -> Avs3dError:
 
 
 def check_images(file: Path) -> None:
-    """Refuse a GLB with a broken image: readers ignore such an image and use a plain colour.
+    """Refuse a file with a broken or huge image inside: readers ignore such an image and use a plain colour.
 
     Raises:
         Avs3dError: naming the image.
     """
-    tree, binary = _load(file)
+    tree, binary = load_gltf(file)
     compressed = _basis_images(tree)
     for index, image in enumerate(tree.get("images", [])):
         if index in compressed or "bufferView" not in image:
             continue
+        name = image.get("name") or index
         try:
-            Image.open(io.BytesIO(_image_bytes(file, tree, binary, image))).close()
+            with Image.open(io.BytesIO(_image_bytes(file, tree, binary, image))) as picture:
+                size = picture.size
         except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
-            name = image.get("name") or index
             raise Avs3dError(f"{file}: its image {name!r} cannot be decoded; fetch the file again") from error
+        if max(size) > LARGEST_TEXTURE:
+            raise Avs3dError(
+                f"{file}: its image {name!r} has {size[0]} × {size[1]} texels; expected at most {LARGEST_TEXTURE} to a "
+                f"side; reduce it: npx @gltf-transform/cli resize --width 8192 --height 8192 {file.name} small.glb"
+            )
 
 
-def without_basis(file: Path) -> bytes:
-    """The GLB with its KTX2 images decoded to PNG.
+def rewritten(file: Path, *, textures: bool = True) -> bytes | None:
+    """The file as one GLB that the reader understands, or None if it does as it is.
+
+    KTX2 images are decoded to PNG, normalised integers to floats, and texture coordinates are transformed.
+
+    Args:
+        file: .glb or .gltf.
+        textures: whether they are wanted; else only geometry, names of materials and their factors are kept.
 
     Raises:
-        Avs3dError: if there is no decoder, or an image is broken.
+        Avs3dError: if KTX2 images are wanted and there is no decoder, or one is broken.
     """
+    tree, binary = load_gltf(file)
+    before = binary
+    if textures and _basis_images(tree):
+        binary = _decode_basis(file, tree, binary)
+    elif not textures:
+        _drop_textures(tree)
+    binary = plain_attributes(tree, binary)
+    return None if textures and binary is before else pack_glb(tree, binary)
+
+
+def _decode_basis(file: Path, tree: dict[str, Any], binary: bytes) -> bytes:
+    """The buffer with the KTX2 images of ``tree`` appended as PNG."""
     if not can_decode_basis():
         raise basis_error(file)
     decoder = importlib.import_module("opengl_basisu")
-    tree, binary = _load(file)
     views = tree.setdefault("bufferViews", [])
     out = bytearray(binary)
     for index in _basis_images(tree):
@@ -161,12 +196,11 @@ def without_basis(file: Path) -> bytes:
         found = texture.get("extensions", {}).pop(BASISU, None)
         if found is not None:
             texture["source"] = found["source"]
-    return _pack(tree, bytes(out))
+    return bytes(out)
 
 
-def without_textures(file: Path) -> bytes:
-    """The GLB with only its geometry, material names and factors."""
-    tree, binary = _load(file)
+def _drop_textures(tree: dict[str, Any]) -> None:
+    """Keep only geometry, material names and factors."""
     for key in ("images", "textures", "samplers"):
         tree.pop(key, None)
     for material in tree.get("materials", []):
@@ -175,7 +209,6 @@ def without_textures(file: Path) -> bytes:
         surface = material.get("pbrMetallicRoughness", {})
         for key in ("baseColorTexture", "metallicRoughnessTexture"):
             surface.pop(key, None)
-    return _pack(tree, binary)
 
 
 # ---- bytes --------------------------------------------------------------------------------------------------------
@@ -187,19 +220,56 @@ def _basis_images(tree: dict[str, Any]) -> list[int]:
     return [i for i, image in enumerate(images) if i in named or image.get("mimeType") == KTX2]
 
 
-def _load(file: Path) -> tuple[dict[str, Any], bytes]:
-    """JSON and binary chunk of a GLB."""
+def load_gltf(file: Path) -> tuple[dict[str, Any], bytes]:
+    """JSON and binary chunk of a GLB; the buffers and images of a .gltf are gathered in one."""
     tree = read_tree(file)
     if file.suffix.lower() != ".glb":
-        raise Avs3dError(f"{file}: KTX2 textures are read from .glb only; pack it: npx @gltf-transform/cli copy")
+        return tree, _gathered(file, tree)
     data = file.read_bytes()
-    at = 12
-    while at + 8 <= len(data):
+    at, binary = 12, b""
+    while at + 8 <= len(data) and not binary:
         size, kind = struct.unpack_from("<II", data, at)
         if kind == _BIN:
-            return tree, data[at + 8 : at + 8 + size]
+            binary = data[at + 8 : at + 8 + size]
         at += 8 + size
-    return tree, b""
+    return tree, _with_images(file, tree, binary)
+
+
+def _gathered(file: Path, tree: dict[str, Any]) -> bytes:
+    """The buffers of a .gltf one after the other, then its images, with ``tree`` changed to match."""
+    out = bytearray()
+    starts = []
+    for buffer in tree.get("buffers", []):
+        out += b"\0" * (-len(out) % 4)
+        starts.append(len(out))
+        out += _referred_bytes(file, buffer["uri"])
+    views = tree.setdefault("bufferViews", [])
+    for view in views:
+        view["byteOffset"] = view.get("byteOffset", 0) + starts[view["buffer"]]
+        view["buffer"] = 0
+    tree["buffers"] = [{}]
+    return _with_images(file, tree, bytes(out))
+
+
+def _with_images(file: Path, tree: dict[str, Any], binary: bytes) -> bytes:
+    """The buffer with the images that are files beside ``file`` appended."""
+    outside = [image for image in tree.get("images", []) if "uri" in image]
+    if not outside:
+        return binary
+    out, views = bytearray(binary), tree.setdefault("bufferViews", [])
+    for image in outside:
+        data = _referred_bytes(file, image.pop("uri"))
+        out += b"\0" * (-len(out) % 4)
+        image["bufferView"] = len(views)
+        views.append({"buffer": 0, "byteOffset": len(out), "byteLength": len(data)})
+        out += data
+    return bytes(out)
+
+
+def _referred_bytes(file: Path, uri: str) -> bytes:
+    if uri.startswith("data:"):
+        return base64.b64decode(uri.partition(",")[2])
+    return (file.parent / unquote(uri)).read_bytes()
 
 
 def _image_bytes(file: Path, tree: dict[str, Any], binary: bytes, image: dict[str, Any]) -> bytes:
@@ -210,7 +280,7 @@ def _image_bytes(file: Path, tree: dict[str, Any], binary: bytes, image: dict[st
     return binary[start : start + view["byteLength"]]
 
 
-def _pack(tree: dict[str, Any], binary: bytes) -> bytes:
+def pack_glb(tree: dict[str, Any], binary: bytes) -> bytes:
     """A GLB of a JSON tree and one buffer."""
     for key in ("extensionsUsed", "extensionsRequired"):
         if key in tree:

@@ -10,6 +10,24 @@ from avs3d_bench.errors import Avs3dError
 from generators.assets.gltf import read_tree, refuse_compressed
 
 SUFFIXES = (".glb", ".gltf", ".obj", ".ply")
+#: Other files that scanning apps write, and what to do with them.
+OTHERS = {
+    ".usdz": "export the scan as GLB, or open it in Blender and save it as GLB",
+    ".zip": "unpack it and name the .obj or .glb inside; its material library and textures must stay beside it",
+    ".fbx": "export the scan as GLB, or open it in Blender and save it as GLB",
+    ".dae": "export the scan as GLB, or open it in Blender and save it as GLB",
+    ".stl": "it has no colours: export the scan as GLB with its texture",
+    ".spz": "it holds Gaussian splats: export the scan as a mesh (GLB)",
+    ".splat": "it holds Gaussian splats: export the scan as a mesh (GLB)",
+    ".las": "it holds points: export the scan as a mesh (GLB)",
+    ".laz": "it holds points: export the scan as a mesh (GLB)",
+    ".e57": "it holds points: export the scan as a mesh (GLB)",
+    ".xyz": "it holds points: export the scan as a mesh (GLB)",
+    ".pts": "it holds points: export the scan as a mesh (GLB)",
+}
+OTHERS |= {".usdc": OTHERS[".usdz"], ".usda": OTHERS[".usdz"], ".usd": OTHERS[".usdz"]}
+#: Bytes of a PLY that are looked through for the end of its header.
+_PLY_HEADER = 65_536
 
 
 def check_file(file: Path) -> None:
@@ -21,12 +39,50 @@ def check_file(file: Path) -> None:
     if not file.is_file():
         raise Avs3dError(f"{file}: no such file; expected a mesh ({', '.join(SUFFIXES)})")
     suffix = file.suffix.lower()
+    if suffix in OTHERS:
+        raise Avs3dError(f"{file}: {suffix} is not read; {OTHERS[suffix]}")
     if suffix not in SUFFIXES:
         raise Avs3dError(f"{file}: unknown kind of mesh {file.suffix!r}; expected one of {', '.join(SUFFIXES)}")
     if suffix == ".obj":
         _check_obj(file)
     elif suffix in (".glb", ".gltf"):
         _check_gltf(file)
+    else:
+        _check_ply(file)
+
+
+def ply_header(file: Path) -> list[str]:
+    """The lines of a PLY's header; empty if it has none.
+
+    Raises:
+        OSError: if the file cannot be read.
+    """
+    with file.open("rb") as stream:
+        head, end, _ = stream.read(_PLY_HEADER).partition(b"end_header")
+    return head.decode("utf-8", "replace").splitlines() if end else []
+
+
+def ply_textures(header: list[str]) -> list[str]:
+    """Textures that the comments of a PLY's header name."""
+    words = [line.split(maxsplit=2) for line in header]
+    return [rest[2].strip() for rest in words if len(rest) == 3 and rest[:2] == ["comment", "TextureFile"]]
+
+
+def _check_ply(file: Path) -> None:
+    header = [line.strip() for line in ply_header(file)]
+    counts = {word[1]: word[2] for word in (line.split() for line in header) if len(word) == 3 and word[0] == "element"}
+    if counts and counts.get("face", "0") == "0" and "tristrips" not in counts:
+        splats = any(line.split()[-1:] == ["f_dc_0"] for line in header)
+        what = "3D Gaussian splats" if splats else "a point cloud"
+        raise Avs3dError(
+            f"{file}: holds {what} ({counts.get('vertex', '0')} points), no faces; export the scan as a mesh (GLB)"
+        )
+    names = ply_textures(header)
+    if len(names) > 1:
+        raise Avs3dError(f"{file}: has {len(names)} textures, of which only one could be read; export it as GLB or OBJ")
+    for name in names:
+        if not (file.parent / name).is_file():
+            raise Avs3dError(f"{file}: texture {name!r} is missing; put it beside the file")
 
 
 def _words(file: Path, key: str) -> Iterator[str]:

@@ -1,25 +1,30 @@
 """Reads GLB, glTF, OBJ and PLY files as a `Mesh`, or as a `Model` of one of the categories.
 
 Colours follow each format: glTF's factors and vertex colours are linear light, those of OBJ and PLY are sRGB. An OBJ's
-``Kd`` is ignored if it has ``map_Kd``, which is the intention of most writers. Alpha, emission and roughness are
-ignored.
+``Kd`` is ignored if it has ``map_Kd``, which is the intention of most writers. Vertex colours become a texture of 4 × 4
+texels per face; beside a texture they are ignored. Alpha, emission and roughness are ignored.
 """
 
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
+from PIL import Image
+from trimesh.visual.color import to_rgba
 
 from avs3d_bench.contract.taxonomy import check_category
 from avs3d_bench.errors import Avs3dError
 from generators.assets.acoustic_twin import clustered, component_boxes
-from generators.assets.gltf import check_images, has_basis, without_basis, without_textures
+from generators.assets.gltf import LARGEST_TEXTURE, check_images, rewritten
 from generators.assets.meshcheck import check_file
 from generators.assets.model import Model, framed
 from generators.assets.modelframe import before_front, clear_of_twin, upright
@@ -77,6 +82,11 @@ _WORDS = {
     "paper": "paper book cardboard",
     "foliage": "plant leaf foliage",
 }
+#: Meshes of more faces have one colour per face: faces are then smaller than pixels, whose averages would mix texels
+#: of distant faces.
+_SHADED_MOST = 300_000
+#: Side of a tile of faces in the texture of vertex colours.
+_TILE = 64
 #: Above this number of faces, plain face normals replace the slow `corner_normals` (a loop over vertices).
 _SMOOTH_LIMIT = 60_000
 
@@ -106,8 +116,13 @@ def load_mesh(
     file = Path(path)
     scene = open_scene(file, textures=textures)
     known: dict[int, Material] = {}
-    pieces = [_piece(file, name, part, matrix, acoustic, known) for name, part, matrix in _instances(file, scene)]
+    instances = list(_instances(file, scene))
+    found = (_piece(file, name, part, matrix, acoustic, known) for name, part, matrix in instances)
+    pieces = [piece for piece in found if piece is not None]
     if not pieces:
+        flat = ", ".join(repr(name) for name, _, _ in instances[:3])
+        if flat:
+            raise Avs3dError(f"{file}: every face of {flat} is degenerate (no area); repair the mesh")
         raise Avs3dError(f"{file}: has no faces (an empty scene, or points and lines only); expected triangles")
     positions = np.concatenate([p.positions for p in pieces])
     materials = tuple({id(p.materials[0]): p.materials[0] for p in pieces}.values())
@@ -136,19 +151,33 @@ def open_scene(file: Path, *, textures: bool = True) -> Any:
         Avs3dError: see `load_mesh`.
     """
     check_file(file)
-    glb = file.suffix.lower() == ".glb"
-    if glb and textures:
-        check_images(file)
-    data = without_textures(file) if glb and not textures else without_basis(file) if has_basis(file) else None
+    with _large_images():
+        try:
+            data = None
+            if file.suffix.lower() in (".glb", ".gltf"):
+                if textures:
+                    check_images(file)
+                data = rewritten(file, textures=textures)
+            if data is not None:
+                return trimesh.load_scene(io.BytesIO(data), file_type="glb", process=False)
+            return trimesh.load_scene(file, process=False)
+        except Avs3dError:
+            raise
+        except Exception as error:  # each format's reader raises its own exceptions
+            reason = " ".join(str(error).split()) or type(error).__name__
+            raise Avs3dError(
+                f"{file}: cannot be read as {file.suffix[1:]} ({reason}); check that it is complete"
+            ) from error
+
+
+@contextmanager
+def _large_images() -> Iterator[None]:
+    """Let Pillow read the textures of scans, which are larger than what it takes for an attack."""
+    before, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, LARGEST_TEXTURE**2
     try:
-        if data is not None:
-            return trimesh.load_scene(io.BytesIO(data), file_type="glb", process=False)
-        return trimesh.load_scene(file, process=False)
-    except Exception as error:  # each format's reader raises its own exceptions
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise Avs3dError(
-            f"{file}: cannot be read as {file.suffix[1:]} ({reason}); check that it is complete"
-        ) from error
+        yield
+    finally:
+        Image.MAX_IMAGE_PIXELS = before
 
 
 def world_triangles(file: Path, scene: Any) -> Iterator[tuple[Array, NDArray[np.int64], Any]]:
@@ -263,8 +292,8 @@ def _instances(file: Path, scene: Any) -> Iterator[tuple[str, Any, Array]]:
             yield str(name), part, np.asarray(matrix, dtype=np.float64)
 
 
-def _piece(file: Path, name: str, part: Any, matrix: Array, acoustic: str, known: dict[int, Material]) -> Mesh:
-    """One geometry as a mesh in the file's world, still without its acoustic twin.
+def _piece(file: Path, name: str, part: Any, matrix: Array, acoustic: str, known: dict[int, Material]) -> Mesh | None:
+    """One geometry as a mesh in the file's world, still without its acoustic twin; None if no face has an area.
 
     ``known`` maps the identity of the reader's materials to those converted so far, so that textures are decoded once.
     """
@@ -277,7 +306,7 @@ def _piece(file: Path, name: str, part: Any, matrix: Array, acoustic: str, known
     span = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
     keep = np.linalg.norm(cross, axis=1) > 1e-14 * max(span, 1e-12) ** 2
     if not keep.any():
-        raise Avs3dError(f"{file}: every face of {name!r} is degenerate (no area); repair the mesh")
+        return None
     triangles, faces, cross = triangles[keep], faces[keep], cross[keep]
     if "vertex_normals" in part._cache:  # only in this case the normals come from the file
         given = np.asarray(part.vertex_normals, dtype=np.float64) @ np.linalg.inv(linear_part)
@@ -286,7 +315,7 @@ def _piece(file: Path, name: str, part: Any, matrix: Array, acoustic: str, known
         normals = corner_normals(triangles)
     else:
         normals = _unit(np.repeat(cross[:, None], 3, axis=1), cross)
-    material, uv = _surface(file, name, part, faces, np.flatnonzero(keep), acoustic, known)
+    material, uv = _surface(file, name, part, triangles, faces, np.flatnonzero(keep), acoustic, known)
     return Mesh(
         positions=triangles.astype(np.float32),
         normals=normals.astype(np.float32),
@@ -310,6 +339,7 @@ def _surface(
     file: Path,
     name: str,
     part: Any,
+    triangles: Array,
     faces: NDArray[np.int64],
     kept: NDArray[np.int64],
     acoustic: str,
@@ -319,14 +349,27 @@ def _surface(
     gltf = file.suffix.lower() in (".glb", ".gltf")
     visual = part.visual
     uv = np.zeros((len(faces), 3, 2))
-    if getattr(visual, "kind", None) in ("vertex", "face"):
-        texture, uv = _palette(visual, name, faces, kept, gltf)
+    kind = getattr(visual, "kind", None)
+    if kind in ("vertex", "face"):
+        texture, uv = (
+            _shaded(np.asarray(visual.vertex_colors, dtype=np.float64)[faces, :3], triangles, name, gltf)
+            if kind == "vertex" and len(faces) <= _SHADED_MOST
+            else _palette(visual, name, faces, kept, gltf)
+        )
         fresh = Material(name, _sounds_like(name, acoustic), texture=texture)
         return known.setdefault(id(visual), fresh), uv
     source = getattr(visual, "material", None)
     if source is None:
         fresh = Material(name, _sounds_like(name, acoustic), colour=(0.6, 0.6, 0.6))
         return known.setdefault(id(visual), fresh), uv
+    painted = getattr(visual, "vertex_attributes", {}).get("color")
+    if painted is not None and getattr(source, "baseColorTexture", None) is None:
+        colours = np.asarray(to_rgba(painted), dtype=np.float64)[faces, :3]
+        if len(faces) > _SHADED_MOST:
+            colours[:] = colours.mean(axis=1, keepdims=True)
+        plain = _material(file, source, name, gltf, acoustic)
+        texture, uv = _shaded(colours, triangles, name, gltf)
+        return known.setdefault(id(visual), replace(plain, texture=texture)), uv
     material = known.get(id(source))
     if material is None:
         material = known[id(source)] = _material(file, source, name, gltf, acoustic)
@@ -361,6 +404,65 @@ def _material(file: Path, source: Any, name: str, gltf: bool, acoustic: str) -> 
     metallic = getattr(source, "metallicFactor", None) if gltf else None
     gloss = 0.6 if texture is None and metallic is not None and float(metallic) > 0.5 else 0.2
     return Material(title, _sounds_like(f"{title} {name}", acoustic), colour=colour, texture=texture, gloss=gloss)
+
+
+def _shaded(colours: Array, triangles: Array, name: str, gltf: bool) -> tuple[Texture, Array]:
+    """A texture in which the corners' colours run into one another, and its (F, 3, 2) coordinates.
+
+    Each face has 4 × 4 texels: in the middle its corners' colours and, opposite to the first, the one that makes
+    bilinear look-up linear over the face; around them the same gradient, for a renderer that averages texels where
+    faces are as small as its pixels. Faces near to one another lie near in the texture, in tiles of 64 × 64 by Morton's
+    order.
+
+    Args:
+        colours: (F, 3, 3) of each corner, 0 to 255; linear light in glTF.
+        triangles: (F, 3, 3) corners.
+        name: of the texture.
+        gltf: whether the colours are linear light.
+    """
+    light = colours / 255 if gltf else to_linear(colours)
+    # Any corner may be the first: take the one whose opposite texel is least outside of the range.
+    opposite = light.sum(axis=1, keepdims=True) - 2 * light
+    first = np.argmin(np.abs(opposite - np.clip(opposite, 0, 1)).sum(axis=2), axis=1)
+    order = (first[:, None] + np.arange(3)) % 3
+    start, right, down = np.take_along_axis(light, order[..., None], axis=1).transpose(1, 0, 2)
+    right, down = right - start, down - start
+    middle = triangles.mean(axis=1)
+    span = max(float(np.ptp(middle, axis=0).max()), 1e-12)
+    place = np.empty(len(middle), dtype=np.int64)
+    near = np.argsort(_morton(((middle - middle.min(axis=0)) / span * 1023).astype(np.int64)), kind="stable")
+    place[near] = np.arange(len(middle))
+    wide = max(1, math.isqrt(len(middle) // _TILE**2))
+    tile, inside = np.divmod(place, _TILE**2)
+    column, row = _TILE * (tile % wide) + _compact(inside), _TILE * (tile // wide) + _compact(inside >> 1)
+    image = np.zeros((4 * _TILE * int(tile.max() // wide + 1), 4 * _TILE * wide, 3), dtype=np.uint8)
+    for y in range(4):
+        for x in range(4):
+            image[4 * row + y, 4 * column + x] = to_srgb(start + (x - 1) * right + (y - 1) * down)
+    height, width = image.shape[:2]
+    corner = np.stack([(4 * column + 1.5) / width, 1 - (4 * row + 1.5) / height], axis=1)
+    uv = np.empty((len(middle), 3, 2))
+    step = np.array([[0, 0], [1 / width, 0], [0, -1 / height]])
+    np.put_along_axis(uv, order[..., None], corner[:, None] + step, axis=1)
+    return Texture(f"{name}_colours", image), uv
+
+
+def _morton(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(N,) the bits of three numbers below 1024 in turn: points near in space are near in this order."""
+    out = np.zeros(len(cells), dtype=np.int64)
+    for axis in range(3):
+        bits = cells[:, axis]
+        for bit in range(10):
+            out |= ((bits >> bit) & 1) << (3 * bit + axis)
+    return out
+
+
+def _compact(number: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(N,) every second bit of twelve."""
+    out = np.zeros_like(number)
+    for bit in range(6):
+        out |= ((number >> (2 * bit)) & 1) << bit
+    return out
 
 
 def _palette(

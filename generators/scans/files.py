@@ -26,6 +26,7 @@ from urllib.parse import unquote
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats import files
+from generators.assets.meshcheck import OTHERS, ply_header, ply_textures
 
 Kind = Literal["hm3d", "mp3d", "file"]
 
@@ -35,8 +36,6 @@ MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".basis.glb")
 AXES: dict[Kind, tuple[str, str]] = {"hm3d": ("z", "-y"), "mp3d": ("z", "-y"), "file": ("y", "+z")}
 #: Folders below the root that are searched, so that a root of ``/`` is noticed rather than walked.
 _MOST_FOLDERS = 200_000
-#: Bytes of a PLY that are looked through for the end of its header.
-_PLY_HEADER = 65_536
 _HM3D_FOLDER = re.compile(r"^(\d{5})-(\w+)$")
 
 
@@ -99,7 +98,7 @@ def _referred(mesh: Path) -> tuple[Path, ...]:
                 image for name in names if (mesh.parent / name).is_file() for image in _images(mesh.parent / name)
             ]
         elif suffix == ".ply":
-            names = _texture_of_ply(mesh)
+            names = ply_textures(ply_header(mesh))
     except (OSError, ValueError, AttributeError, TypeError):
         return ()  # the reader will report what is wrong with it
     return tuple(path for path in (mesh.parent / name for name in dict.fromkeys(names)) if path.is_file())
@@ -109,14 +108,6 @@ def _images(library: Path) -> list[str]:
     """Textures of a material library; options may precede a name."""
     words = _after(library, "map_kd")
     return [(word.split()[-1] if word.startswith("-") else word).replace("\\", "/") for word in words]
-
-
-def _texture_of_ply(mesh: Path) -> list[str]:
-    """Textures that the comments of a PLY's header name."""
-    with mesh.open("rb") as stream:
-        header = stream.read(_PLY_HEADER).partition(b"end_header")[0].decode("utf-8", "replace")
-    words = [line.split(maxsplit=2) for line in header.splitlines()]
-    return [rest[2].strip() for rest in words if len(rest) == 3 and rest[:2] == ["comment", "TextureFile"]]
 
 
 def _after(file: Path, key: str) -> list[str]:
@@ -147,6 +138,8 @@ def find_scan_files(scan_id: str, root: str | Path) -> ScanFiles:
         hint = ""
         if any(p.name.startswith(f"{stem}.semantic") for p in found):
             hint = "; only its annotations are there: the geometry is in HM3D's archives hm3d-*-glb or hm3d-*-habitat"
+        for path in (p for p in found if p.suffix.lower() in OTHERS):
+            hint = f"; {path.name} is there: {OTHERS[path.suffix.lower()]}"
         raise Avs3dError(
             f"unknown scan {scan_id!r}: no {stem}.glb (or .gltf, .obj, .ply, .basis.glb) below {root}{hint}; "
             "name the folder that holds your scans with --scans (or $AVS3D_SCANS)"

@@ -18,6 +18,9 @@ from avs3d_bench.errors import Avs3dError
 from generators.core.scene import F32, I32, Texture
 from generators.core.tone import decode_table, srgb_encode
 
+#: Rows of a level that are filtered at a time.
+_STRIP = 256
+
 
 class TexturePool(NamedTuple):
     """Textures and their mip levels (a named tuple, for kernels take it as it is).
@@ -105,11 +108,30 @@ def mip_chain(pixels: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
     Filtering goes on from float32, so that rounding to 8 bits does not add up over the levels.
     """
     levels = [np.ascontiguousarray(pixels)]
-    linear = decode_table()[pixels]
-    while max(linear.shape[:2]) > 1:
-        linear = _halve(_halve(linear).transpose(1, 0, 2)).transpose(1, 0, 2)
-        levels.append(np.ascontiguousarray(np.rint(255.0 * srgb_encode(linear)), dtype=np.uint8))
+    linear: F32 | None = None
+    while max(levels[-1].shape[:2]) > 1:
+        linear = _halved(levels[0] if linear is None else linear)
+        level = np.empty(linear.shape, dtype=np.uint8)
+        for first in range(0, len(level), _STRIP):
+            level[first : first + _STRIP] = np.rint(255.0 * srgb_encode(linear[first : first + _STRIP]))
+        levels.append(level)
     return levels
+
+
+def _halved(image: NDArray[np.uint8] | F32) -> F32:
+    """Halve both axes of linear light, or of 8-bit sRGB; in strips, since a scan's texture has 10⁸ texels."""
+
+    def both(rows: NDArray[np.uint8] | F32) -> F32:
+        linear: F32 = np.asarray(decode_table()[rows] if rows.dtype == np.uint8 else rows, dtype=np.float32)
+        return _halve(_halve(linear).transpose(1, 0, 2)).transpose(1, 0, 2)
+
+    height, width = image.shape[:2]
+    if height % 2 or height <= 2 * _STRIP:
+        return both(image)
+    out = np.empty((height // 2, max(width // 2, 1), 3), dtype=np.float32)
+    for first in range(0, height // 2, _STRIP):
+        out[first : first + _STRIP] = both(image[2 * first : 2 * (first + _STRIP)])
+    return out
 
 
 def _halve(image: F32) -> F32:

@@ -81,7 +81,7 @@ def fuse(
     atlas = _atlas(scene, layout)
     uv = layout.uv.astype(np.float64) / [layout.width, layout.height]
     uv[..., 1] = 1.0 - uv[..., 1]
-    soup, uv, origin = _split(corners.astype(np.float64), uv, edge)
+    soup, uv, origin = split_edges(corners.astype(np.float64), uv, edge)
     owner = owner[origin]
     keys, vertex = np.unique(np.round(soup.reshape(-1, 3) * 1e4).astype(np.int64), axis=0, return_inverse=True)
     moved = keys / 1e4 + rng.normal(0.0, noise, keys.shape)
@@ -99,7 +99,7 @@ def fuse(
     return Fused(vertices[:, :3], vertices[:, 3:], faces.reshape(-1, 3), owner, names, atlas)
 
 
-def _split(corners: Array, uv: Array, edge: float) -> tuple[Array, Array, NDArray[np.int64]]:
+def split_edges(corners: Array, uv: Array, edge: float) -> tuple[Array, Array, NDArray[np.int64]]:
     """Halve edges longer than ``edge``, the same way on both sides of each, until there are none (red-green)."""
     origin = np.arange(len(corners))
     whole = np.concatenate([corners, uv], axis=2)
