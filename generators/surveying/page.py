@@ -14,9 +14,11 @@ from avs3d_bench.commands.outputs import Signature
 from avs3d_bench.text.templates import keep_units, template_environment, words
 from generators.core.freespace import CELL
 from generators.core.scene import Scene, Support
+from generators.scans.scan import SoundReport
 from generators.surveying.fitting import FittingObservations
-from generators.surveying.measures import RoomMeasures, eye_pictures, from_above
+from generators.surveying.measures import RoomMeasures, eye_pictures
 from generators.surveying.survey import Survey
+from generators.vision.top_view import view_from_above
 
 Array = NDArray[np.float64]
 
@@ -69,6 +71,7 @@ def scan_page(
     survey: Survey,
     measures: Sequence[RoomMeasures],
     found: FittingObservations,
+    sound: SoundReport,
     commands: Sequence[str],
 ) -> bytes:
     """The page as HTML; ``commands``: that come next."""
@@ -88,6 +91,7 @@ def scan_page(
         fits=_fits(entries),
         count=len(entries),
         refused=found.refused,
+        sound=sound,
         commands=commands,
     )
     return page.encode()
@@ -109,7 +113,8 @@ def draw(home: Scene, survey: Survey, measures: Sequence[RoomMeasures]) -> PlanD
     low, high = corners[:, 0].min(axis=0) - PLAN_MARGIN, corners[:, 1].max(axis=0) + PLAN_MARGIN
     middle, side = (low + high) / 2, float((high - low).max())
     x, z = (middle - side / 2).tolist()
-    picture = from_above(home, low, high, survey.levels.ceiling - CUT, PLAN_PIXELS)
+    heights = survey.levels.floor, survey.levels.ceiling - CUT
+    picture = view_from_above(home, (x, z), (side, side), heights, PLAN_PIXELS / side)
     names = {number: name for name, number in survey.rooms.items()}
     boxes = [
         PlanRectangle(

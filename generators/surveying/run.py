@@ -13,10 +13,11 @@ import numpy as np
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats import files
+from generators.assets.meshcheck import SUFFIXES
 from generators.assets.meshfile import load_mesh
 from generators.core.scene import Licence, Mesh
-from generators.scans.files import MESH_SUFFIXES, scan_files_of
-from generators.scans.scan import Axes, load_scan
+from generators.scans.files import scan_files_of
+from generators.scans.scan import Axes, ScanAcoustics, SoundReport, read_scan
 from generators.scans.sound import DEFAULT_LABEL
 from generators.surveying.document import document_of, relative_name, scan_manifest, test_voices
 from generators.surveying.fitting import FittingObservations, ScanFitting
@@ -58,6 +59,7 @@ class ScanOutcome:
     survey: Survey
     measures: tuple[RoomMeasures, ...]
     found: FittingObservations
+    sound: SoundReport
 
 
 def survey_scan(request: ScanRequest, command: str) -> ScanOutcome:
@@ -74,25 +76,26 @@ def survey_scan(request: ScanRequest, command: str) -> ScanOutcome:
     if request.surfaces:
         document["scans"][name]["surfaces"] = request.surfaces
     boxes = {room: np.array([surveyed.boxes[n].low, surveyed.boxes[n].high]) for room, n in surveyed.rooms.items()}
-    home = load_scan(
+    home, sound = read_scan(
         name,
         scan_files_of(request.file.resolve()),
         boxes,
         licence=Licence(*request.licence, request.file.name) if request.licence else None,
         axes=Axes(surveyed.up, surveyed.front, surveyed.turn, surveyed.scale),
+        acoustics=ScanAcoustics(surfaces=request.surfaces),
     )
     fitting = ScanFitting(home, document, request.output.resolve().parent)
     found = fitting.observations(tuple(boxes))
     measures = tuple(measure(fitting.site(room)) for room in boxes)
     surveyed = replace(surveyed, warnings=(*surveyed.warnings, *_doubts(measures)))
-    page = scan_page(name, home, surveyed, measures, found, request.next_commands)
+    page = scan_page(name, home, surveyed, measures, found, sound, request.next_commands)
     files.write_bytes(request.page, page)
     if not found.entries:
         why = next(iter(found.refused.values()), "no room has a category")
         raise Avs3dError(f"{request.file}: no object of the benchmark has a place in it (see {request.page}): {why}")
     document["voices"] = test_voices(found.categories)
     files.write_bytes(request.output, scan_manifest(document, surveyed, found, command).encode())
-    return ScanOutcome(surveyed, measures, found)
+    return ScanOutcome(surveyed, measures, found, sound)
 
 
 def _doubts(measures: Sequence[RoomMeasures]) -> list[str]:
@@ -106,7 +109,7 @@ def _doubts(measures: Sequence[RoomMeasures]) -> list[str]:
             out.append(f"{name}: {each.hole_share:.0%} of its floor are holes; the camera does not walk over them")
         if each.open_share > MOST_OPEN:
             out.append(
-                f"{name}: open in {each.open_share:.0%} of all directions: sound escapes there, pictures are grey"
+                f"{name}: nothing was scanned in {each.open_share:.0%} of all directions: pictures are black there"
             )
     return out
 
@@ -117,9 +120,9 @@ def _read(file: Path) -> Mesh:
     Raises:
         Avs3dError: if it is missing or no mesh, or has no colours.
     """
-    if not file.is_file() or not file.name.lower().endswith(MESH_SUFFIXES):
-        what = "is no scan" if file.is_file() else "does not exist" if not file.exists() else "is a folder"
-        raise Avs3dError(f"{file}: {what}; expected a mesh: {', '.join(MESH_SUFFIXES)}")
+    if not file.is_file():
+        what = "is a folder" if file.is_dir() else "does not exist"
+        raise Avs3dError(f"{file}: {what}; expected a mesh: {', '.join(SUFFIXES)}")
     mesh = load_mesh(file, acoustic=DEFAULT_LABEL, twin="surface", max_acoustic_faces=sys.maxsize)
     if all(material.texture is None for material in mesh.materials) and len({m.colour for m in mesh.materials}) == 1:
         raise Avs3dError(
