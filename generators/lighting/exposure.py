@@ -12,7 +12,6 @@ from generators.core.scene import Room, Scene
 from generators.core.tone import LUMINANCE, inverse_tone_curve
 from generators.lighting.lit_scene import LitScene
 
-#: Luminance of linear sRGB (IEC 61966-2-1).
 #: Display light (linear) at which a room's mean tone is shown.
 MEAN_TONE = 0.31
 #: At most this part of a room's pictures, windows and lamps apart, may be brighter than `HIGHLIGHT`.
