@@ -37,6 +37,8 @@ _NEAR = 0.15
 _GAP = 0.4
 #: Longer side of a lamp at most, and of a lintel over a door or passage; what is longer without a wall is a beam (m).
 _LAMP, WIDEST_LINTEL = 0.8, 2.4
+#: What stands or hangs below a beam and is not as long makes no wall of it (m): pillars, clothes.
+_PILLAR = 0.4
 #: Radii of erosion (m): passages up to twice as wide break. The first is usual; the others are tried for a number of
 #: rooms that the user names.
 NECKS = (0.5, 0.4, 0.6, 0.3, 0.75, 0.9, 0.2, 1.1)
@@ -120,7 +122,8 @@ def _without_lamps_and_beams(walls: Mask, below: Mask) -> Mask:
     """The walls without what hangs from the ceiling: small things, and long ones with nothing ``below`` them."""
     around = np.ones((3, 3), dtype=bool)
     out = _where_size(walls, around, lambda side: side >= _LAMP)
-    hanging = out & ~ndimage.binary_dilation(below, around, iterations=2)
+    below = ndimage.binary_dilation(_where_size(below, around, lambda side: side >= _PILLAR), around, iterations=2)
+    hanging = out & ~below
     return out & ~_where_size(hanging, around, lambda side: side > WIDEST_LINTEL)
 
 
