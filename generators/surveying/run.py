@@ -16,13 +16,14 @@ from avs3d_bench.formats import files
 from generators.assets.meshfile import load_mesh
 from generators.core.scene import Licence, Mesh
 from generators.scans.files import MESH_SUFFIXES, scan_files_of
-from generators.scans.scan import Axes, load_scan
+from generators.scans.reverberation import RoomDecay
+from generators.scans.scan import Axes, ScanAcoustics, read_scan
 from generators.scans.sound import DEFAULT_LABEL
 from generators.surveying.document import document_of, relative_name, scan_manifest, test_voices
 from generators.surveying.fitting import FittingObservations, ScanFitting
 from generators.surveying.measures import RoomMeasures, measure
 from generators.surveying.page import scan_page
-from generators.surveying.survey import KnownFrame, Survey, survey
+from generators.surveying.survey import Guess, KnownFrame, Survey, survey
 
 #: Walkable floor of a room (m²), share of holes in it, and share of open directions that are worth a warning.
 LEAST_WALK, MOST_HOLES, MOST_OPEN = 1.0, 0.05, 0.15
@@ -74,18 +75,23 @@ def survey_scan(request: ScanRequest, command: str) -> ScanOutcome:
     if request.surfaces:
         document["scans"][name]["surfaces"] = request.surfaces
     boxes = {room: np.array([surveyed.boxes[n].low, surveyed.boxes[n].high]) for room, n in surveyed.rooms.items()}
-    home = load_scan(
+    home, sound = read_scan(
         name,
         scan_files_of(request.file.resolve()),
         boxes,
         licence=Licence(*request.licence, request.file.name) if request.licence else None,
         axes=Axes(surveyed.up, surveyed.front, surveyed.turn, surveyed.scale),
+        acoustics=ScanAcoustics(surfaces=request.surfaces),
     )
     fitting = ScanFitting(home, document, request.output.resolve().parent)
     found = fitting.observations(tuple(boxes))
     measures = tuple(measure(fitting.site(room)) for room in boxes)
-    surveyed = replace(surveyed, warnings=(*surveyed.warnings, *_doubts(measures)))
-    page = scan_page(name, home, surveyed, measures, found, request.next_commands)
+    surveyed = replace(
+        surveyed,
+        warnings=(*surveyed.warnings, *_doubts(measures)),
+        guesses=(*surveyed.guesses, *map(_decay_guess, sound.rooms)),
+    )
+    page = scan_page(name, home, surveyed, measures, found, sound, request.next_commands)
     files.write_bytes(request.page, page)
     if not found.entries:
         why = next(iter(found.refused.values()), "no room has a category")
@@ -93,6 +99,16 @@ def survey_scan(request: ScanRequest, command: str) -> ScanOutcome:
     document["voices"] = test_voices(found.categories)
     files.write_bytes(request.output, scan_manifest(document, surveyed, found, command).encode())
     return ScanOutcome(surveyed, measures, found)
+
+
+def _decay_guess(decay: RoomDecay) -> Guess:
+    """The reverberation time of a room as a guess."""
+    value = "too short to predict" if decay.t30 is None else f"{decay.t30:.2f} s"
+    how = "rays over the surfaces as guessed"
+    if decay.wanted is not None and decay.guessed is not None and decay.usual is not None:
+        least, most = decay.usual
+        how = f"{how}: {decay.guessed:.2f} s, brought into the range of furnished rooms, {least:.2f} to {most:.2f} s"
+    return Guess(f"T30 of {decay.room}", value, how, f"acoustics: {{t30: {{{decay.room}: SECONDS}}}} in the manifest")
 
 
 def _doubts(measures: Sequence[RoomMeasures]) -> list[str]:

@@ -104,7 +104,7 @@ def test_the_page_is_one_file(folder: Path) -> None:
     page = (folder / "my_room.html").read_text()
     assert page.count("data:image/jpeg") == 5, "the plan and four pictures"
     assert "http" not in page.replace("http-equiv", "")
-    for text in ("What was guessed", "--rooms N", "--scale METRES", "avs3d generate", "Rooms"):
+    for text in ("What was guessed", "--rooms N", "--scale METRES", "avs3d generate", "Rooms", "T30 of living_room", "plaster"):
         assert text in page
 
 
