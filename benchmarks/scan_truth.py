@@ -22,12 +22,13 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.files import read_json, write_json
 from avs3d_bench.geometry import Pose
 from avs3d_bench.measures.decay import reverberation_time
-from benchmarks.phone_scans import SHARES, white_cube
+from benchmarks.phone_scans import SHARES
 from generators.acoustics.tracer.backend import TracerBackend
 from generators.assets.meshfile import load_mesh
+from generators.assets.shapes import MeshBuilder
 from generators.core.boxes import yaw_matrix
-from generators.core.scene import Scene
-from generators.lighting.lit_scene import LitScene
+from generators.core.scene import Material, Part, Scene
+from generators.lighting.bake import insert
 from generators.placement.site import Site
 from generators.scans.files import scan_files_of
 from generators.scans.scan import Axes, load_scan
@@ -45,6 +46,8 @@ GRID = 8
 TOPS = ("worktop", "shelf", "side_table")
 #: A room is found if a box covers more than this share of its floor.
 OVERLAP = 0.5
+#: Side of the cubes that show the light (m).
+CUBE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +101,6 @@ def measure(folder: Path) -> dict[str, Any]:
     """The figures of one scan."""
     truth = read_json(folder / "truth.json")
     scan = surveyed(folder / "scan.glb", truth)
-    lit = LitScene.of(scan.scene.parts)
     out: dict[str, Any] = {"faces": len(scan.scene.parts[0].mesh.positions), "rooms found": scan.found, "rooms": {}}
     for name, room in truth["rooms"].items():
         if name not in scan.boxes:
@@ -118,7 +120,7 @@ def measure(folder: Path) -> dict[str, Any]:
                 "recall": _share_covered(true, mine),
             },
             "T30 (s)": {"true": room["t30"], "scan": t30(scan.scene, name)},
-            "light": _light_error(lit, probes, scan),
+            "light": _light_errors(scan, probes),
         }
     return out
 
@@ -162,26 +164,44 @@ def _share_covered(supports: list[dict[str, Any]], by: list[dict[str, Any]]) -> 
     return round(hits / len(supports), 3)
 
 
-def _light_error(lit: LitScene, probes: list[dict[str, Any]], scan: SurveyedScan) -> dict[str, float]:
-    """Light on a white cube in the scan beside the true one.
+def cube_light(scene: Scene, places: Array) -> Array:
+    """(N, 6, 3) mean radiance of the faces (+x, −x, +y, −y, +z, −z) of white cubes inserted at ``places`` (N, 3)."""
+    grey = Material("cube", "plastic", colour=(0.5, 0.5, 0.5))
+    cubes = [
+        Part(f"cube{k}", MeshBuilder().box((CUBE, CUBE, CUBE), place, grey).build(), instance_id=k + 1)
+        for k, place in enumerate(places)
+    ]
+    lit = [part for part in insert(scene, tuple(cubes)).parts if part.name.startswith("cube")]
+    sides = np.concatenate([np.eye(3), -np.eye(3)])[[0, 3, 1, 4, 2, 5]]
+    shares = np.random.default_rng(0).dirichlet((1, 1, 1), 100)
+    out = []
+    for part in lit:
+        assert part.light is not None
+        height, width = part.light.texels.shape[:2]
+        at = np.clip(np.einsum("kc,fcx->fkx", shares, part.light.uv) * [width, height], 0, [width - 1, height - 1])
+        light = part.light.texels[at[..., 1].astype(int), at[..., 0].astype(int)].mean(axis=1)
+        out.append([light[part.mesh.normals.mean(axis=1) @ side > 0.9].mean(axis=0) for side in sides])
+    return np.array(out)
+
+
+def _light_errors(scan: SurveyedScan, probes: list[dict[str, Any]]) -> dict[str, float]:
+    """Light on inserted white cubes beside the true one.
 
     Returns:
-        ratio of luminance (geometric mean over points) and the spread of its logarithm; median angle in degrees between
-        the directions from which most light comes (the difference of opposite faces).
+        over the places: the mean error of the light on a cube (mean of its faces), in stops; the mean with its sign;
+        the median angle between the directions from which most light comes (the difference of opposite faces).
     """
     weights = np.array([0.2126, 0.7152, 0.0722])
-    ratios, angles = [], []
-    for probe in probes:
-        true, found = np.array(probe["radiance"]) @ weights, white_cube(lit, scan.moved(probe["at"])) @ weights
-        ratios.append(np.log(max(found.mean(), 1e-6) / true.mean()))
-        a, b = (values[[0, 2, 4]] - values[[1, 3, 5]] for values in (true, found))
-        a = scan.moved(a)
-        cosine = a @ b / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-12)
-        angles.append(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+    found = cube_light(scan.scene, scan.moved([probe["at"] for probe in probes])) @ weights
+    true = np.array([probe["radiance"] for probe in probes]) @ weights
+    a, b = (light[:, [0, 2, 4]] - light[:, [1, 3, 5]] for light in (true, found))
+    a = scan.moved(a)
+    cosine = (a * b).sum(axis=1) / np.maximum(np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1), 1e-12)
+    stops = np.log2(found.mean(axis=1) / true.mean(axis=1))
     return {
-        "ratio": round(float(np.exp(np.mean(ratios))), 3),
-        "spread": round(float(np.std(ratios)), 3),
-        "angle (degrees)": round(float(np.median(angles)), 1),
+        "error (stops)": round(float(np.abs(stops).mean()), 2),
+        "bias (stops)": round(float(stops.mean()), 2),
+        "angle (degrees)": round(float(np.median(np.degrees(np.arccos(np.clip(cosine, -1, 1))))), 1),
     }
 
 
