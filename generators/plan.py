@@ -252,10 +252,10 @@ class ObservationPlan:
             Avs3dError: if a file that the manifest names is missing, no scan of that id is found, or it has no splats
                 and they are to be drawn.
         """
-        if self.scan.asset:
-            return scan_files_of(self._stored_scan(self.scan.asset))
         root, name = scans_root(self.base, self.options.scans), self.scan.file
-        if name:
+        if self.scan.asset:
+            found = scan_files_of(self._stored_scan(self.scan.asset))
+        elif name:
             found = scan_files_of(resolve_file(root, name, f"scan {self.spec.scan}"))
         else:
             found = find_scan_files(self.spec.scan, root)

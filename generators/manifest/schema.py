@@ -226,7 +226,7 @@ class ScanSpec(_Model):
             raise ValueError("an apartment needs a seed")
         own = [name for name in self._of_scans if getattr(self, name) not in (None, {})]
         if self.source == "apartment" and own:
-            raise ValueError(f"{', '.join(own)} belong to a scan; write source: scan")
+            raise ValueError(f"an apartment has no {', '.join(own)}: only a scan has; write source: scan")
         if self.asset and (self.file or self.licence):
             raise ValueError(
                 "asset names a scan of assets.lock.yaml, with its file and its licence; leave these two out here"

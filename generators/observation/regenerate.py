@@ -26,6 +26,7 @@ from generators.acoustics.heads import FAMILIES
 from generators.acoustics.receivers import Receivers, choose_receivers
 from generators.backends import observation_provenance, vision_backend
 from generators.core.folders import default_cache
+from generators.library.lock import LOCK_NAME
 from generators.manifest.reading import ManifestFile, read_manifest
 from generators.observation.generate import generate_observation
 from generators.observation.output import MemoryOutput
@@ -55,7 +56,7 @@ def regenerate(
 
     Raises:
         UsageError: if the dataset has no manifest, or was made by other versions of the software or with other options,
-            or ``hrtf`` is missing or is another file.
+            or ``hrtf`` is missing or is another file, or the manifest names files and is not given.
         Avs3dError: if a file that the manifest names is missing.
     """
     dataset = Dataset(root)
@@ -64,7 +65,15 @@ def regenerate(
         raise UsageError(f"{root}: no {layout.DATASET_JSON}, and so no manifest from which to regenerate frames")
     with tempfile.TemporaryDirectory(prefix="avs3d-regenerate-") as folder:
         source = _manifest(record, manifest, Path(folder))
-        plans = {key: _plan(source, dataset[key], record, hrtf) for key in chosen}
+        try:
+            plans = {key: _plan(source, dataset[key], record, hrtf) for key in chosen}
+        except Avs3dError as error:
+            if folder not in str(error):
+                raise
+            raise UsageError(
+                f"{root}: its manifest names files beside it, or assets of the {LOCK_NAME} beside it; "
+                "name the file of the manifest with --manifest"
+            ) from error
         for key, indices in chosen.items():
             say(f"{key}: frames {', '.join(map(str, indices))}")
             yield from _compare(plans[key], dataset[key], tuple(indices))

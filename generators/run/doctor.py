@@ -60,8 +60,12 @@ else:
     print(f"--device cuda: {device}")
 """
 _PATHTRACED = """
+from avs3d_bench.errors import Avs3dError
 from generators.vision.pathtraced import PathtracedBackend
-print("--vision pathtraced: Mitsuba", PathtracedBackend().version)
+try:
+    print("--vision pathtraced: Mitsuba", PathtracedBackend().version)
+except Avs3dError as error:
+    raise SystemExit(str(error))
 """
 _JIT = """
 import numba
@@ -89,7 +93,7 @@ def checks() -> tuple[Check, ...]:
             "generate",
             "mitsuba",
             "mitsuba",
-            "pip install 'avs3d-bench[pathtraced]'",
+            "pip install 'avs3d-bench[pathtraced]' (without an NVIDIA GPU it also needs LLVM: apt install libllvm19)",
             program=_PATHTRACED,
             needed="--vision pathtraced",
         ),

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from avs3d_bench.errors import Avs3dError
 from generators.core.rays import RayCaster
 from generators.core.scene import F32, Room, Support
 from generators.scans.flatness import flatness
@@ -44,7 +45,7 @@ def find_supports(triangles: F32, room: Room, name: str) -> tuple[float, list[Su
         name: for messages.
 
     Raises:
-        Avs3dError: if the box holds no floor.
+        Avs3dError: if nothing was scanned in or near the box, or it holds no floor.
     """
     layers, around = _looked_at(triangles, room, name)
     floor = around.floor
@@ -77,6 +78,8 @@ def refused_tops(triangles: F32, room: Room, name: str) -> list[RefusedTop]:
 def _looked_at(triangles: F32, room: Room, name: str) -> tuple[Layers, ScanRays]:
     low, high = (np.asarray(corner, dtype=np.float32) for corner in (room.low, room.high))
     near = ((triangles.min(axis=1) <= high + _NEAR) & (triangles.max(axis=1) >= low - _NEAR)).all(axis=1)
+    if not near.any():
+        raise Avs3dError(f"{name}: nothing was scanned in or near its box; check rooms, scale, up and turn")
     caster = RayCaster(triangles[near])
     layers = cast_down(caster, room)
     return layers, scan_rays(caster, layers, find_floor(layers, name))

@@ -97,13 +97,21 @@ class ScanAcoustics:
     t30: float | Mapping[str, float] | None = None
     furnished: bool = True
 
-    def times(self, rooms: Sequence[Room]) -> dict[str, float]:
-        """Room → its measured reverberation time, s."""
+    def times(self, scan: str, rooms: Sequence[Room]) -> dict[str, float]:
+        """Room → its measured reverberation time, s.
+
+        Raises:
+            Avs3dError: for a room that the scan does not have.
+        """
+        names = [room.name for room in rooms]
         if self.t30 is None:
             return {}
-        if isinstance(self.t30, Mapping):
-            return {room.name: self.t30[room.name] for room in rooms if room.name in self.t30}
-        return dict.fromkeys((room.name for room in rooms), self.t30)
+        if not isinstance(self.t30, Mapping):
+            return dict.fromkeys(names, self.t30)
+        for name in self.t30:
+            if name not in names:
+                raise Avs3dError(f"scan {scan}: acoustics.t30: no room {name}; expected one of {', '.join(names)}")
+        return dict(self.t30)
 
 
 @dataclass(frozen=True)
@@ -199,7 +207,7 @@ def read_scan(
             continue
         found.append((_on_floor(room, floor), floor))
         supports += own if annotations is None else [s for s in own if _usable(s, annotations)]
-    mesh, report = _with_sound(mesh, found, annotations, acoustics)
+    mesh, report = _with_sound(mesh, found, annotations, acoustics, acoustics.times(name, [room for room, _ in found]))
     part = Part(name, mesh, licence=licence or Licence("unknown", "unknown", files.mesh.name))
     stage = StageFile(files.mesh, axes.up or files.up, axes.front or files.front, axes.turn, axes.scale)
     splats = SplatFile(files.splats, similarity(rotation, axes.scale)) if files.splats is not None else None
@@ -207,7 +215,11 @@ def read_scan(
 
 
 def _with_sound(
-    mesh: Mesh, found: Sequence[tuple[Room, float]], annotations: Annotations | None, acoustics: ScanAcoustics
+    mesh: Mesh,
+    found: Sequence[tuple[Room, float]],
+    annotations: Annotations | None,
+    acoustics: ScanAcoustics,
+    times: Mapping[str, float],
 ) -> tuple[Mesh, SoundReport]:
     """The mesh with its acoustic twin: labelled, decimated, closed, with the reverberation that it should have.
 
@@ -224,7 +236,6 @@ def _with_sound(
     triangles = np.concatenate([mesh.acoustic_positions, backing.triangles.astype(np.float32)])
     labels = (*mesh.acoustic_labels, *(usual[place] for place in backing.places.tolist()))
     decays: tuple[RoomDecay, ...] = ()
-    times = acoustics.times(rooms)
     if annotations is None or times:
         held = annotations is None and acoustics.furnished
         labels, decays = match_rooms(triangles.astype(np.float64), labels, rooms, times, usual=held)

@@ -44,9 +44,10 @@ def check_template(source: ManifestFile) -> None:
             )
     for name, scan in source.manifest.scans.items():
         if scan.source == "scan" and not scan.file:
+            instead = " instead of its asset" if scan.asset else ""
             raise UsageError(
-                f"{source.path}: scans.{name}: a sealed test hides the names of scans; name the file of this one: "
-                "file: PATH"
+                f"{source.path}: scans.{name}: a sealed test hides the names of scans; name the file of this one"
+                f"{instead}: file: PATH"
             )
 
 

@@ -34,7 +34,9 @@ def _rooms(_: click.Context, __: click.Parameter, value: str | None) -> RoomChoi
 
     if value is None:
         return RoomChoice()
-    if re.fullmatch(r"\d+", value) and 1 <= int(value) <= MOST_ROOMS:
+    if re.fullmatch(r"-?\d+", value):
+        if not 1 <= int(value) <= MOST_ROOMS:
+            raise UsageError(f"--rooms {value}: expected 1 to {MOST_ROOMS} rooms")
         return RoomChoice(count=int(value), text=value)
     names: dict[str, int] = {}
     for order, text in enumerate(value.split(","), start=1):
@@ -42,9 +44,7 @@ def _rooms(_: click.Context, __: click.Parameter, value: str | None) -> RoomChoi
         try:
             check_room(name)
         except UsageError as error:
-            raise UsageError(
-                f"--rooms {value}: {error}; or the number of rooms, from 1 to {MOST_ROOMS}, e.g. 3 or kitchen=2"
-            ) from None
+            raise UsageError(f"--rooms {value}: {error}; or how many rooms there are, e.g. 3") from None
         if given and not re.fullmatch(r"[1-9]\d?", number):
             raise UsageError(f"--rooms {value}: {name}={number} names no room; expected its number on the plan, from 1")
         if name in names:
@@ -58,14 +58,16 @@ def _rooms(_: click.Context, __: click.Parameter, value: str | None) -> RoomChoi
 
 def _surfaces(_: click.Context, __: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
     """Read ``wall=brick`` of each ``--material``."""
-    from generators.scans.places import PLACES
-
     found: dict[str, str] = {}
     for value in values:
-        place, _sign, material = value.partition("=")
-        if place not in PLACES or not material:
-            raise UsageError(f"--material {value}: expected PLACE=NAME, the place one of {', '.join(PLACES)}")
+        place, sign, material = value.partition("=")
+        if not sign:
+            raise UsageError(f"--material {value}: expected PLACE=NAME, such as wall=brick")
         found[place] = material
+    if found:
+        from generators.scans.sound import check_surfaces
+
+        check_surfaces(found, "--material")
     return found
 
 
@@ -128,6 +130,10 @@ def scan(
             f"{each.room.name}: floor to walk on {each.area:.1f} m², tables and other tops {len(each.tops())}, "
             f"doorways {len(each.doors)}, holes {each.hole_share:.0%}"
         )
+    for decay in outcome.sound.rooms:
+        time = f"{decay.t30:.2f} s" if decay.t30 else "unknown"
+        usual = "; furnished rooms of its size: {:.2f} to {:.2f} s".format(*decay.usual) if decay.usual else ""
+        click.echo(f"{decay.room}: reverberation time {time} (from the guessed materials{usual})")
     sounding = ", ".join(outcome.found.categories)
     click.echo(f"{output}: {len(outcome.found.entries)} observations ({sounding}); look at {request.page}")
     for warning in outcome.survey.warnings:
@@ -148,9 +154,8 @@ def _check_outputs(request: ScanRequest, replace: bool) -> None:
     if output.suffix not in (".yaml", ".yml"):
         raise UsageError(f"{output}: expected the name of a manifest, which ends in .yaml")
     check_replaceable(request.page, [SCAN_PAGE])
-    for path in (output, request.page):
-        if not replace and path.exists() and path.stat().st_size:
-            raise UsageError(f"{path}: exists; add --replace to write it again (changes by hand are lost)")
+    if not replace and output.exists() and output.stat().st_size:
+        raise UsageError(f"{output}: exists; add --replace to write it again (changes by hand are lost)")
 
 
 def _given(context: click.Context) -> list[str]:

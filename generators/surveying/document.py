@@ -77,7 +77,7 @@ def scan_manifest(document: dict[str, Any], survey: Survey, found: FittingObserv
     lines.append(f"levels: {one_line(document['levels'])}  # of each source re the common loudness, dB")
     lines.append("voices:  # of the test split: no training manifest draws them")
     lines += [f"  {name}: {one_line(names)}" for name, names in document["voices"].items()]
-    lines += [f"# no place for {what}: {_in_short(why)}" for what, why in found.refused.items()]
+    lines += [f"# {what}: {_in_short(why)}" for what, why in found.refused.items()]
     lines.append("observations:")
     titles = {
         "part_1": "one object sounds",
@@ -125,6 +125,6 @@ def _scan_lines(document: dict[str, Any], survey: Survey) -> list[str]:
 
 
 def _in_short(why: str) -> str:
-    """A reason without the observation's key, in one line."""
-    text = " ".join(why.split())
+    """A reason without its advice, in one line."""
+    text = " ".join(why.partition(";")[0].split())
     return text if len(text) <= 160 else f"{text[:157]}…"

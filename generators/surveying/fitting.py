@@ -109,7 +109,7 @@ class ScanFitting:
                     found.append(candidate)
                     break
             if fault:
-                refused[f"{place['room']}: {name}"] = fault
+                refused[f"{place['room']}: {name}"] = fault.removeprefix(f"{place['scan']}/{place['room']}: ")
         return found
 
     def _several(self, place: dict[str, Any], names: Sequence[str], most: int) -> list[dict[str, Any]]:

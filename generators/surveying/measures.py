@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.geometry import Intrinsics, Pose
+from generators.acoustics.geometry import fibonacci_directions
 from generators.core.freespace import CELL, SENSOR_HEIGHT
 from generators.core.rays import RayCaster
-from generators.core.scene import Mesh, Room, Scene, Support
+from generators.core.scene import Room, Scene, Support
 from generators.placement.site import Site
 from generators.scans.patches import RefusedTop, refused_tops
 from generators.vision.embree import EmbreeBackend
@@ -22,8 +23,6 @@ Picture = NDArray[np.uint8]
 
 #: Rays that look for holes around a room, and how far below its ceiling the rays down begin (m).
 _RAYS, _BELOW = 4000, 0.3
-#: Height of the eye of the camera that draws the plan (m): from far away, all is seen straight from above.
-_FAR = 80.0
 #: Side of a picture at eye height (pixels), and how far it looks down (degrees).
 SIDE, DOWN = 480, 12.0
 #: Headings of the pictures (degrees); each shows a part of the room that the others do not.
@@ -85,7 +84,7 @@ def measure(site: Site) -> RoomMeasures:
     # All of the scan: what is missing in the room may be closed by the wall behind it.
     caster = RayCaster(home)
     _, face = caster.closest(start, np.broadcast_to([0.0, -1.0, 0.0], start.shape))
-    _, around = caster.closest(stand, sphere(_RAYS))
+    _, around = caster.closest(stand, fibonacci_directions(_RAYS))
     holes = grid[face < 0]
     return RoomMeasures(
         room,
@@ -104,14 +103,6 @@ def _all_tops(site: Site) -> tuple[Support, ...]:
     return site.supports("side_table") + site.supports("worktop") + site.supports("shelf")
 
 
-def sphere(count: int) -> Array:
-    """(count, 3) unit vectors spread evenly (a Fibonacci lattice)."""
-    k = np.arange(count) + 0.5
-    y, turn = 1 - 2 * k / count, np.pi * (1 + np.sqrt(5)) * k
-    side = np.sqrt(1 - y**2)
-    return np.stack([side * np.cos(turn), y, side * np.sin(turn)], axis=1)
-
-
 def eye_pictures(home: Scene, measures: Sequence[RoomMeasures], count: int = 4) -> list[tuple[str, float, Picture]]:
     """Pictures at eye height, ``count`` in all: (room, heading in degrees, (SIDE, SIDE, 3) sRGB)."""
     session = EmbreeBackend().open(home, Intrinsics.from_fov(SIDE, 90.0))
@@ -125,40 +116,3 @@ def eye_pictures(home: Scene, measures: Sequence[RoomMeasures], count: int = 4) 
     finally:
         session.close()
     return out
-
-
-def from_above(home: Scene, low: Array, high: Array, ceiling: float, pixels: int) -> Picture:
-    """The scan seen from above without what is higher than ``ceiling``: (pixels, pixels, 3), north (−Z) at the top.
-
-    Args:
-        home: with the scan as its only part.
-        low: (2,) least x and z.
-        high: (2,) greatest x and z; the picture is square around both.
-        ceiling: height of the cut.
-        pixels: side of the picture.
-    """
-    mesh = home.parts[0].mesh
-    below = _below(mesh, ceiling)
-    middle, half = (low + high) / 2, float(np.max(high - low)) / 2
-    opening = 2 * np.degrees(np.arctan2(half, _FAR))
-    session = EmbreeBackend().open(
-        replace(home, parts=(replace(home.parts[0], mesh=below),)), Intrinsics.from_fov(pixels, opening)
-    )
-    try:
-        eye = np.array([middle[0], home.rooms[0].low[1] + _FAR, middle[1]])
-        return session.render(Pose.from_yaw(eye, 0.0, -np.pi / 2)).rgb
-    finally:
-        session.close()
-
-
-def _below(mesh: Mesh, ceiling: float) -> Mesh:
-    keep = mesh.positions[..., 1].max(axis=1) <= ceiling
-    if not keep.any():
-        return mesh
-    return replace(
-        mesh,
-        positions=mesh.positions[keep],
-        normals=mesh.normals[keep],
-        uv=mesh.uv[keep],
-        face_material=mesh.face_material[keep],
-    )

@@ -17,8 +17,9 @@ from generators.core.scene import Scene, Support
 from generators.scans.patches import RefusedTop
 from generators.scans.scan import SoundReport
 from generators.surveying.fitting import FittingObservations
-from generators.surveying.measures import RoomMeasures, eye_pictures, from_above
+from generators.surveying.measures import RoomMeasures, eye_pictures
 from generators.surveying.survey import Survey
+from generators.vision.top_view import view_from_above
 
 Array = NDArray[np.float64]
 
@@ -115,7 +116,8 @@ def draw(home: Scene, survey: Survey, measures: Sequence[RoomMeasures]) -> PlanD
     low, high = corners[:, 0].min(axis=0) - PLAN_MARGIN, corners[:, 1].max(axis=0) + PLAN_MARGIN
     middle, side = (low + high) / 2, float((high - low).max())
     x, z = (middle - side / 2).tolist()
-    picture = from_above(home, low, high, survey.levels.ceiling - CUT, PLAN_PIXELS)
+    heights = survey.levels.floor, survey.levels.ceiling - CUT
+    picture = view_from_above(home, (x, z), (side, side), heights, PLAN_PIXELS / side)
     names = {number: name for name, number in survey.rooms.items()}
     boxes = [
         PlanRectangle(

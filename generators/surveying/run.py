@@ -13,17 +13,17 @@ import numpy as np
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats import files
+from generators.assets.meshcheck import SUFFIXES
 from generators.assets.meshfile import load_mesh
 from generators.core.scene import Licence, Mesh
-from generators.scans.files import MESH_SUFFIXES, scan_files_of
-from generators.scans.reverberation import RoomDecay
-from generators.scans.scan import Axes, ScanAcoustics, read_scan
+from generators.scans.files import scan_files_of
+from generators.scans.scan import Axes, ScanAcoustics, SoundReport, read_scan
 from generators.scans.sound import DEFAULT_LABEL
 from generators.surveying.document import document_of, relative_name, scan_manifest, test_voices
 from generators.surveying.fitting import FittingObservations, ScanFitting
 from generators.surveying.measures import RoomMeasures, measure
 from generators.surveying.page import scan_page
-from generators.surveying.survey import Guess, KnownFrame, Survey, survey
+from generators.surveying.survey import KnownFrame, Survey, survey
 
 #: Walkable floor of a room (m²), share of holes in it, and share of open directions that are worth a warning.
 LEAST_WALK, MOST_HOLES, MOST_OPEN = 1.0, 0.05, 0.15
@@ -59,6 +59,7 @@ class ScanOutcome:
     survey: Survey
     measures: tuple[RoomMeasures, ...]
     found: FittingObservations
+    sound: SoundReport
 
 
 def survey_scan(request: ScanRequest, command: str) -> ScanOutcome:
@@ -86,11 +87,7 @@ def survey_scan(request: ScanRequest, command: str) -> ScanOutcome:
     fitting = ScanFitting(home, document, request.output.resolve().parent)
     found = fitting.observations(tuple(boxes))
     measures = tuple(measure(fitting.site(room)) for room in boxes)
-    surveyed = replace(
-        surveyed,
-        warnings=(*surveyed.warnings, *_doubts(measures)),
-        guesses=(*surveyed.guesses, *map(_decay_guess, sound.rooms)),
-    )
+    surveyed = replace(surveyed, warnings=(*surveyed.warnings, *_doubts(measures)))
     page = scan_page(name, home, surveyed, measures, found, sound, request.next_commands)
     files.write_bytes(request.page, page)
     if not found.entries:
@@ -98,17 +95,7 @@ def survey_scan(request: ScanRequest, command: str) -> ScanOutcome:
         raise Avs3dError(f"{request.file}: no object of the benchmark has a place in it (see {request.page}): {why}")
     document["voices"] = test_voices(found.categories)
     files.write_bytes(request.output, scan_manifest(document, surveyed, found, command).encode())
-    return ScanOutcome(surveyed, measures, found)
-
-
-def _decay_guess(decay: RoomDecay) -> Guess:
-    """The reverberation time of a room as a guess."""
-    value = "too short to predict" if decay.t30 is None else f"{decay.t30:.2f} s"
-    how = "rays over the surfaces as guessed"
-    if decay.wanted is not None and decay.guessed is not None and decay.usual is not None:
-        least, most = decay.usual
-        how = f"{how}: {decay.guessed:.2f} s, brought into the range of furnished rooms, {least:.2f} to {most:.2f} s"
-    return Guess(f"T30 of {decay.room}", value, how, f"acoustics: {{t30: {{{decay.room}: SECONDS}}}} in the manifest")
+    return ScanOutcome(surveyed, measures, found, sound)
 
 
 def _doubts(measures: Sequence[RoomMeasures]) -> list[str]:
@@ -122,7 +109,7 @@ def _doubts(measures: Sequence[RoomMeasures]) -> list[str]:
             out.append(f"{name}: {each.hole_share:.0%} of its floor are holes; the camera does not walk over them")
         if each.open_share > MOST_OPEN:
             out.append(
-                f"{name}: open in {each.open_share:.0%} of all directions: sound escapes there, pictures are grey"
+                f"{name}: nothing was scanned in {each.open_share:.0%} of all directions: pictures are black there"
             )
     return out
 
@@ -133,9 +120,9 @@ def _read(file: Path) -> Mesh:
     Raises:
         Avs3dError: if it is missing or no mesh, or has no colours.
     """
-    if not file.is_file() or not file.name.lower().endswith(MESH_SUFFIXES):
-        what = "is no scan" if file.is_file() else "does not exist" if not file.exists() else "is a folder"
-        raise Avs3dError(f"{file}: {what}; expected a mesh: {', '.join(MESH_SUFFIXES)}")
+    if not file.is_file():
+        what = "is a folder" if file.is_dir() else "does not exist"
+        raise Avs3dError(f"{file}: {what}; expected a mesh: {', '.join(SUFFIXES)}")
     mesh = load_mesh(file, acoustic=DEFAULT_LABEL, twin="surface", max_acoustic_faces=sys.maxsize)
     if all(material.texture is None for material in mesh.materials) and len({m.colour for m in mesh.materials}) == 1:
         raise Avs3dError(

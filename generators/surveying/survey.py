@@ -45,8 +45,8 @@ LEAST_FLOOR = 2.0
 TILT_MENTIONED, MOST_TILT = 1.0, 3.0
 #: Share of the upright surface parallel to the axes below which the walls are called askew.
 _ASKEW = 0.45
-#: A height that rooms have; for the message that names a scale.
-_USUAL_HEIGHT = 2.5
+#: A height that rooms have, for the message that names a scale; and what no room reaches (m).
+_USUAL_HEIGHT, _TOO_HIGH = 2.5, 15.0
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,7 @@ def survey(name: str, triangles: F32, known: KnownFrame = KnownFrame(), *, gltf:
         )
     rooms = _named(boxes, known.rooms, guesses, warnings)
     if not levels.has_ceiling:
-        warnings.append("the scan has no ceiling: rooms end at the top of their walls, and much sound escapes")
+        warnings.append("the scan has no ceiling: rooms end at the top of their walls, and pictures are black there")
     return Survey(up, front, turn, scale, levels, plan, boxes, rooms, tuple(guesses), tuple(warnings))
 
 
@@ -180,8 +180,14 @@ def _scale(name: str, levels: Levels, known: KnownFrame, guesses: list[Guess]) -
 
     Raises:
         Avs3dError: if no usual unit makes a room of it.
+        UsageError: if the one that is given does not.
     """
     if known.scale is not None:
+        if levels.height * known.scale > _TOO_HIGH:
+            raise UsageError(
+                f"--scale {known.scale:g}: from floor to ceiling there are then {levels.height * known.scale:.3g} m, "
+                f"expected at most {_TOO_HIGH:g}: --scale {_USUAL_HEIGHT / levels.height:.3g} makes {_USUAL_HEIGHT:g}"
+            )
         guesses.append(Guess("scale", f"{known.scale:g}", "given", "--scale METRES"))
         return known.scale
     found = find_scale(levels.height)

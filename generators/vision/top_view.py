@@ -75,30 +75,53 @@ _view_cache: WeakKeyDictionary[Part, dict[Room, TopView]] = WeakKeyDictionary()
 
 def _render(home: Scene, room: Room) -> TopView:
     cut = room.low[1] + CUT
-    parts = tuple(replace(part, mesh=mesh) for part in home.parts if len((mesh := _below(part.mesh, cut)).positions))
+    parts = _below(home, cut)
     bounds = np.stack([[part.mesh.bounds[0] for part in parts], [part.mesh.bounds[1] for part in parts]], axis=1)
     low = np.maximum(np.array(room.low) - MARGIN, bounds[:, 0].min(axis=0))
     high = np.minimum(np.array(room.high) + MARGIN, bounds[:, 1].max(axis=0))
     left, top = round(float(low[0]), 3), round(float(low[2]), 3)
-    scale = min(PIXELS_PER_METRE, MOST_PIXELS / max(high[0] - left, high[2] - top))
-    width, height = max(1, math.ceil((high[0] - left) * scale)), max(1, math.ceil((high[2] - top) * scale))
-    # The scale holds at the floor, on which paths are drawn.
-    focal = scale * (_HEIGHT + CUT)
+    width, depth = float(high[0]) - left, float(high[2]) - top
+    scale = min(PIXELS_PER_METRE, MOST_PIXELS / max(width, depth))
+    rgb = view_from_above(home, (left, top), (width, depth), (room.low[1], cut), scale)
+    return TopView(rgb, left, top, round(rgb.shape[1] / scale, 4), round(rgb.shape[0] / scale, 4))
+
+
+def view_from_above(
+    home: Scene, corner: tuple[float, float], sides: tuple[float, float], heights: tuple[float, float], scale: float
+) -> NDArray[np.uint8]:
+    """Draw a scan from above, without what is wholly above a height.
+
+    Args:
+        home: without placed objects.
+        corner: x and z of the picture's upper left corner, metres.
+        sides: along x and z, metres; rounded up to whole pixels.
+        heights: of the floor, on which the scale holds, and of the cut, metres.
+        scale: pixels per metre.
+
+    Returns:
+        (H, W, 3) sRGB; black where nothing is, and only there.
+    """
+    floor, cut = heights
+    width, height = (max(1, math.ceil(side * scale)) for side in sides)
+    focal = scale * (_HEIGHT + cut - floor)
     camera = Intrinsics(width, height, focal, focal, width / 2, height / 2)
-    middle = (left + width / scale / 2, cut + _HEIGHT, top + height / scale / 2)
-    session = EmbreeBackend().open(replace(home, parts=parts), camera)
+    middle = (corner[0] + width / scale / 2, cut + _HEIGHT, corner[1] + height / scale / 2)
+    session = EmbreeBackend().open(replace(home, parts=_below(home, cut)), camera)
     view = session.render(Pose(middle, _DOWN))
     session.close()
-    rgb = np.where(view.depth[..., None] > 0, np.maximum(view.rgb, 1), 0).astype(np.uint8)
-    return TopView(rgb, left, top, round(width / scale, 4), round(height / scale, 4))
+    return np.where(view.depth[..., None] > 0, np.maximum(view.rgb, 1), 0).astype(np.uint8)
 
 
 def _is_coloured(mesh: Mesh) -> bool:
     return any(material.texture is not None for material in mesh.materials)
 
 
-def _below(mesh: Mesh, cut: float) -> Mesh:
-    """The faces of a mesh that reach below a height."""
-    keep = mesh.positions[:, :, 1].min(axis=1) < cut
-    faces = {name: getattr(mesh, name)[keep] for name in ("positions", "normals", "uv", "face_material")}
-    return replace(mesh, **faces)
+def _below(home: Scene, cut: float) -> tuple[Part, ...]:
+    """The parts of a home without the faces that are wholly above a height."""
+    parts = []
+    for part in home.parts:
+        keep = part.mesh.positions[:, :, 1].min(axis=1) < cut
+        if keep.any():
+            faces = {name: getattr(part.mesh, name)[keep] for name in ("positions", "normals", "uv", "face_material")}
+            parts.append(replace(part, mesh=replace(part.mesh, **faces)))
+    return tuple(parts)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -185,6 +186,18 @@ def test_a_scan_that_is_not_the_pinned_one_is_refused(tmp_path: Path, monkeypatc
         plan_in(tmp_path)
     with pytest.raises(UsageError, match="no asset 'github/ann/none'"):
         plan_in(tmp_path, asset="github/ann/none")
+
+
+def test_splats_of_an_asset_are_drawn_and_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("AVS3D_ASSETS", str(tmp_path / "store"))
+    monkeypatch.setenv("AVS3D_SCANS", str(tmp_path))
+    pinned(tmp_path)
+    (tmp_path / "flat.ply").write_bytes(b"ply")
+    with_splats, without = plan_in(tmp_path, splats="flat.ply"), plan_in(tmp_path)
+    options = GenerateOptions(audio="analytic", vision="splats")
+    assert replace(with_splats, options=options).scan_files.splats == tmp_path / "flat.ply"
+    with pytest.raises(Avs3dError, match="scan flat: --vision splats draws captured scenes"):
+        _ = replace(without, options=options).scan_files
 
 
 def test_an_asset_that_is_no_scan_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

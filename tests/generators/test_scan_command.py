@@ -16,7 +16,6 @@ from generators.manifest.schema import ScanSpec
 from generators.options import GenerateOptions
 from generators.plan import make_plans
 from generators.surveying.document import relative_name
-from generators.surveying.measures import sphere
 from generators.surveying.page import rows_of
 from tests.support import browser
 from tests.support.made_rooms import ROOMS, flat, write_mesh
@@ -104,7 +103,15 @@ def test_the_page_is_one_file(folder: Path) -> None:
     page = (folder / "my_room.html").read_text()
     assert page.count("data:image/jpeg") == 5, "the plan and four pictures"
     assert "http" not in page.replace("http-equiv", "")
-    for text in ("What was guessed", "--rooms N", "--scale METRES", "avs3d generate", "Rooms", "T30 of living_room", "plaster"):
+    for text in (
+        "What was guessed",
+        "--rooms N",
+        "--scale METRES",
+        "avs3d generate",
+        "Rooms",
+        "How it sounds",
+        "plaster",
+    ):
         assert text in page
 
 
@@ -116,6 +123,15 @@ def test_the_page_opens_without_a_complaint(folder: Path) -> None:
                 assert not visit.said
                 assert not visit.asked
                 assert visit.overflow <= 0
+
+
+def test_a_page_alone_is_written_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A run that found no place for anything, or was interrupted, leaves a page; it holds no work of the user."""
+    (folder / "late.html").write_bytes((folder / "my_room.html").read_bytes())
+    assert scan(folder / "phone" / "room.ply", "-o", folder / "late.yaml", "--material", "wall=brick") == 0
+    assert "living_room: reverberation time 0." in capsys.readouterr().out
+    assert read_manifest(folder / "late.yaml").manifest.scans["late"].surfaces == {"wall": "brick"}
+    assert "<td>brick</td>" in (folder / "late.html").read_text()
 
 
 def test_nothing_is_replaced_without_a_word(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -134,14 +150,21 @@ def test_nothing_is_replaced_without_a_word(folder: Path, capsys: pytest.Capture
     ("words", "line"),
     [
         (["missing.glb"], "does not exist; expected a mesh"),
-        (["notes.txt"], "is no scan; expected a mesh: .glb"),
+        (["notes.txt"], "unknown kind of mesh '.txt'; expected one of .glb"),
+        (["room.usdz"], "export the scan as GLB"),
+        ([""], "is a folder; expected a mesh"),
         (["broken.glb"], "broken.glb"),
         (["grey.glb"], "has no colours; expected a texture or vertex colours"),
         (["room.glb", "--rooms", "cellar"], "unknown room 'cellar'"),
+        (["room.glb", "--rooms", "99"], "--rooms 99: expected 1 to 50 rooms"),
         (["room.glb", "--rooms", "kitchen,kitchen"], "kitchen is listed twice"),
         (["room.glb", "--rooms", "kitchen=2,bathroom=2"], "room 2 has two names"),
         (["room.glb", "--rooms", "kitchen=5"], "found 1 rooms by size"),
         (["room.glb", "--scale", "0.01"], "expected a floor of at least 2 m²"),
+        (["room.glb", "--scale", "50"], "from floor to ceiling there are then 125 m, expected at most 15: --scale 1 "),
+        (["room.glb", "--material", "wall"], "--material wall: expected PLACE=NAME"),
+        (["room.glb", "--material", "wall=brik"], "unknown acoustic material 'brik'"),
+        (["room.glb", "--material", "wal=brick"], "unknown place 'wal'"),
         (["room.glb", "--up", "x"], "units of the file; expected 1.9 to 4.5 m"),
         (["room.glb", "--front", "x"], "--front needs --up"),
         (["room.glb", "--up", "y", "--front", "-y"], "perpendicular"),
@@ -154,6 +177,7 @@ def test_one_line_for_what_is_refused(
     write_mesh(flat(("living_room",)), tmp_path / "room.glb")
     write_mesh(flat(("living_room",)), tmp_path / "grey.glb", coloured=False)
     (tmp_path / "notes.txt").write_text("a room")
+    (tmp_path / "room.usdz").write_bytes(b"PK")
     (tmp_path / "broken.glb").write_bytes((tmp_path / "room.glb").read_bytes()[:1000])
     assert scan(tmp_path / words[0], *words[1:], "-o", tmp_path / "out.yaml") != 0
     said = capsys.readouterr().err.splitlines()
@@ -166,7 +190,7 @@ def test_turn_and_scale_count_in_a_digest_only_where_they_are_set() -> None:
     plain = ScanSpec(source="scan")
     assert not {"turn", "scale"} & plain.identity().keys()
     assert ScanSpec(source="scan", turn=3.0).identity()["turn"] == 3.0
-    with pytest.raises(ValueError, match="belong to a scan"):
+    with pytest.raises(ValueError, match="an apartment has no turn: only a scan has"):
         ScanSpec(source="apartment", seed=1, turn=3.0)
 
 
@@ -186,11 +210,3 @@ def test_rows_cover_their_cells() -> None:
     assert [(round(r.x, 3), round(r.z, 3), round(r.depth, 3)) for r in rows] == [
         (0.0, 0.0, 0.1), (0.0, 0.15, 0.05), (0.05, 0.0, 0.05),
     ]  # fmt: skip
-
-
-def test_directions_are_spread_over_the_sphere() -> None:
-    directions = sphere(4000)
-    assert np.linalg.norm(directions, axis=1) == pytest.approx(np.ones(4000))
-    for axis in range(3):
-        # A cap of 60° from an axis has a quarter of the sphere.
-        assert (directions[:, axis] > 0.5).mean() == pytest.approx(0.25, abs=0.005)

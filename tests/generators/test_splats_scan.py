@@ -115,7 +115,7 @@ def test_a_procedural_home_has_no_splats(tmp_path: Path) -> None:
 
 
 def test_splats_belong_to_scans() -> None:
-    with pytest.raises(ValueError, match="splats belong to a scan"):
+    with pytest.raises(ValueError, match="an apartment has no splats: only a scan has"):
         ScanSpec(seed=3, splats="room.ply")
 
 
