@@ -13,13 +13,14 @@ from avs3d_bench.contract.layout import SAMPLE_RATE
 from avs3d_bench.geometry import Pose
 from avs3d_bench.measures.decay import octave_filtered, t30
 from generators.acoustics.direct import AFTER, BEFORE
-from generators.acoustics.geometry import SPEED_OF_SOUND, fibonacci_directions
+from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.materials import OCTAVE_BANDS
 from generators.acoustics.soundspaces import RaySettings, SoundSpacesBackend
 from generators.acoustics.tracer.backend import TracerBackend
 from generators.acoustics.tracer.receivers.ambisonics import Ambisonics
 from generators.acoustics.tracer.receivers.spherical import SphericalHead
 from generators.acoustics.tracer.settings import TraceSettings
+from generators.core.low_discrepancy import fibonacci_directions
 from generators.core.scene import Room, Scene
 
 F32 = NDArray[np.float32]

@@ -73,6 +73,31 @@ class Results:
         """Errors of `avs3d compare` in a simulation."""
         return "\n".join(comparison_power.tables(self.json("comparison-power")))
 
+    def scans(self) -> str:
+        """Simulated phone scans as they are read, beside their truth."""
+        rows = []
+        for scan, found in self.json("scan-truth").items():
+            for name, room in found["rooms"].items():
+                head = [scan, f"{found['faces']:,}", name.replace("_", " ")]
+                if room is None:
+                    rows.append([*head, "not found", *[MISSING] * 4])
+                    continue
+                tops, t30, light = room["tops"], room["T30 (s)"], room["light"]
+                rows.append(
+                    [
+                        *head,
+                        f"{100 * room['largest error of the box (m)']:.0f} cm",
+                        f"{tops['true']}; {tops['found']}",
+                        f"{t30['true']:.2f} s; {t30['scan']:.2f} s"
+                        if t30["scan"]
+                        else f"{t30['true']:.2f} s; {MISSING}",
+                        f"{light['bias (stops)']:+.1f} stops".replace("-", "−"),
+                        f"{light['angle (degrees)']:.0f}°",
+                    ]
+                )
+        head = ["scan", "faces", "room", "box", "tops: true; found", "T30: true; scan", "light", "its direction"]
+        return text(head, rows)
+
     def guesses(self) -> str:
         """Guesses with perfect masks under ``listen``."""
         found = self.json("listen-chance")["guesses"]
@@ -347,6 +372,7 @@ def blocks(docs: Path) -> dict[str, list[tuple[str, Callable[[], str]]]]:
             ("methods", own.methods),
         ],
         "docs/listener.md": [("sounds", own.listener_sounds), ("controls", own.sound_controls)],
+        "docs/scans.md": [("scans", own.scans)],
         "docs/sounds.md": [("separability", own.separability), ("confusions", own.confusions)],
         "docs/results-choice.md": [
             ("unseen twins", lambda: own.twins("cue-weights-unseen")), ("calibration", own.calibration),

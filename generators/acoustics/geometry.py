@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.measures.decay import SPEED_OF_SOUND as SPEED_OF_SOUND
 from generators.acoustics.materials import material_for, mean_absorption, triangle_areas
+from generators.core.low_discrepancy import fibonacci_directions
 from generators.core.scene import Part, Room, Scene
 
 #: Corners nearer than this are one vertex.
@@ -162,14 +163,6 @@ def blocked(triangles: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[n
         end = 1e-3 / max(float(np.linalg.norm(ray)), 1e-9)
         hit = (np.abs(determinant) > 1e-12) & (u >= 0) & (v >= 0) & (u + v <= 1) & (t > end) & (t < 1 - end)
     return bool(hit.any())
-
-
-def fibonacci_directions(count: int) -> NDArray[np.float64]:
-    """(N, 3) evenly spread unit vectors (R. Swinbank, R. J. Purser, Q. J. R. Meteorol. Soc. 132 (2006) 1769–1793)."""
-    k = np.arange(count) + 0.5
-    y, turn = 1 - 2 * k / count, np.pi * (3 - math.sqrt(5)) * k
-    flat = np.sqrt(1 - y * y)
-    return np.stack([flat * np.cos(turn), y, flat * np.sin(turn)], axis=1)
 
 
 def longest_view(triangles: NDArray[np.float64], point: NDArray[np.float64], rays: int = 200) -> float:

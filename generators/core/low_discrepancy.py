@@ -74,3 +74,11 @@ def square_points(count: int, scramble: tuple[int, int] = (0, 0)) -> F32:
         order = np.arange(count) ^ (count // 4 * first)[:, None]
         points = np.take_along_axis(points, order[..., None], axis=1)
     return points
+
+
+def fibonacci_directions(count: int) -> NDArray[np.float64]:
+    """(N, 3) evenly spread unit vectors (R. Swinbank, R. J. Purser, Q. J. R. Meteorol. Soc. 132 (2006) 1769–1793)."""
+    k = np.arange(count) + 0.5
+    y, turn = 1 - 2 * k / count, np.pi * (3 - np.sqrt(5)) * k
+    flat = np.sqrt(1 - y * y)
+    return np.stack([flat * np.cos(turn), y, flat * np.sin(turn)], axis=1)

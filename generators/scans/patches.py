@@ -10,17 +10,30 @@ How much a rigid surface may wave depends on the scan: it is measured on the flo
 
 from __future__ import annotations
 
-import numpy as np
+from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench.errors import Avs3dError
 from generators.core.rays import RayCaster
 from generators.core.scene import F32, Room, Support
 from generators.scans.flatness import flatness
 from generators.scans.layers import CELL, Layers, cast_down, find_floor
-from generators.scans.tops import FINE, ScanRays, find_tops
+from generators.scans.tops import FINE, ScanRays, fault, find_patches, find_tops
 from generators.scans.walls import find_walls
 
 #: Side of the squares of floor on which its waves are measured (m), and how many are.
 _SQUARE, _SQUARES = 0.4, 60
+#: What lies this near to a room's box may hide or carry something in it (m).
+_NEAR = 1.0
+
+
+class RefusedTop(NamedTuple):
+    """A level surface on which nothing is put: its (4, 3) corners, m, and why."""
+
+    corners: NDArray[np.float64]
+    why: str
 
 
 def find_supports(triangles: F32, room: Room, name: str) -> tuple[float, list[Support]]:
@@ -32,11 +45,10 @@ def find_supports(triangles: F32, room: Room, name: str) -> tuple[float, list[Su
         name: for messages.
 
     Raises:
-        Avs3dError: if the box holds no floor.
+        Avs3dError: if nothing was scanned in or near the box, or it holds no floor.
     """
-    caster = RayCaster(triangles)
-    layers = cast_down(caster, room)
-    floor = find_floor(layers, name)
+    layers, around = _looked_at(triangles, room, name)
+    floor = around.floor
     low, high = room.low, room.high
     ground = Support(
         "floor",
@@ -48,8 +60,29 @@ def find_supports(triangles: F32, room: Room, name: str) -> tuple[float, list[Su
         (0.0, 0.0, 1.0),
         high[1] - floor,
     )
-    around = scan_rays(caster, layers, floor)
     return floor, [ground, *find_tops(layers, around, room), *find_walls(around, room)]
+
+
+def refused_tops(triangles: F32, room: Room, name: str) -> list[RefusedTop]:
+    """The level surfaces of one room on which nothing is put; arguments and errors as of `find_supports`."""
+    layers, around = _looked_at(triangles, room, name)
+    out = []
+    for patch in find_patches(layers, around):
+        u, v = patch.size[:, None] * patch.along
+        why = fault(patch, around)
+        if why:
+            out.append(RefusedTop(patch.corner + np.stack([0 * u, u, u + v, v]), why))
+    return out
+
+
+def _looked_at(triangles: F32, room: Room, name: str) -> tuple[Layers, ScanRays]:
+    low, high = (np.asarray(corner, dtype=np.float32) for corner in (room.low, room.high))
+    near = ((triangles.min(axis=1) <= high + _NEAR) & (triangles.max(axis=1) >= low - _NEAR)).all(axis=1)
+    if not near.any():
+        raise Avs3dError(f"{name}: nothing was scanned in or near its box; check rooms, scale, up and turn")
+    caster = RayCaster(triangles[near])
+    layers = cast_down(caster, room)
+    return layers, scan_rays(caster, layers, find_floor(layers, name))
 
 
 def scan_rays(caster: RayCaster, layers: Layers, floor: float) -> ScanRays:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.measures.decay import SPEED_OF_SOUND
-from generators.acoustics.geometry import fibonacci_directions
+from generators.core.low_discrepancy import fibonacci_directions
 from generators.core.rays import RayCaster
 from generators.core.scene import Room
 

@@ -22,7 +22,7 @@ from generators.assets.acoustic_twin import clustered
 from generators.assets.meshfile import load_mesh
 from generators.assets.modelframe import upright
 from generators.core.boxes import yaw_matrix
-from generators.core.scene import F32, Licence, Mesh, Part, Room, Scene, SplatFile, StageFile, Support
+from generators.core.scene import Licence, Mesh, Part, Room, Scene, SplatFile, StageFile, Support
 from generators.scans.annotations import Annotations
 from generators.scans.backing import backing_of
 from generators.scans.files import ScanFiles, find_scan_files, scan_files_of
@@ -200,10 +200,7 @@ def read_scan(
         what = f"scan {name}, room {label}"
         try:
             room = _room(what, label, box, mesh)
-            near = _near(mesh.positions, room)
-            if not len(near):
-                raise Avs3dError(f"{what}: nothing was scanned in or near its box; check rooms, scale, up and turn")
-            floor, own = find_supports(near, room, what)
+            floor, own = find_supports(mesh.positions, room, what)
         except Avs3dError:
             if label in given or label in need:
                 raise
@@ -338,15 +335,6 @@ def _usable(support: Support, annotations: Annotations) -> bool:
     owners = annotations.owners(points)
     seats = [no_table(annotations.objects[number]) for number in owners if number >= 0]
     return not seats or sum(seats) < len(seats) / 2
-
-
-def _near(triangles: F32, room: Room, margin: float = 1.0) -> F32:
-    """The triangles in and near a room."""
-    low = np.asarray(room.low, dtype=np.float32) - margin
-    high = np.asarray(room.high, dtype=np.float32) + margin
-    keep = ((triangles.min(axis=1) <= high) & (triangles.max(axis=1) >= low)).all(axis=1)
-    near: F32 = triangles[keep]
-    return near
 
 
 def _read_annotations(files: ScanFiles, rotation: NDArray[np.float64]) -> Annotations | None:

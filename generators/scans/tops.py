@@ -279,7 +279,7 @@ def fault(patch: Patch, around: ScanRays) -> str:
     shares = [(back_share(patch, around, *side[:3]), side[3]) for side in patch.sides()]
     rising = sum(share >= BACKED for share, _ in shares)
     if rising == 4 or (rising == 3 and patch.clearance >= NICHE):
-        return "is the inside of a vessel or shade: an edge rises around it"
+        return "has an edge around it, as a vessel, a lampshade or a seat with arms has"
     needed = CHAIR_BACKED if patch.size.max() <= CHAIR else BACKED
     seat = relative <= SEAT and patch.clearance >= SEAT_FREE
     if seat and any(share >= needed and depth >= SEAT_DEPTH for share, depth in shares):

@@ -38,6 +38,8 @@ DOUBT = 0.02
 _LARGE = 0.3
 #: Share of the floor's area that a second floor above it has at least.
 _STOREY = 0.4
+#: Where between floor and ceiling that floor is (shares of the height): worktops end lower.
+_SECOND_FLOOR = (0.44, 0.7)
 #: Without a ceiling, walls end where less than this share of their usual surface lies (their upper edge is ragged).
 _WALL_TOP = 0.4
 #: Units of files by their metres, and the heights of ceilings by which they are told (m).
@@ -141,8 +143,9 @@ def find_levels(cloud: SurfaceCloud) -> Levels:
         ceiling = low + (float(np.flatnonzero(per_bin >= _WALL_TOP * usual)[-1]) + 1.0) * width
     facing_up = cloud.normals[:, 1] >= LEVEL
     up_per_bin = np.bincount(at[facing_up], weights=cloud.area[facing_up], minlength=_BINS)
-    middle = np.convolve(up_per_bin, np.ones(3), mode="same")[round(0.3 * _BINS) : round(0.7 * _BINS)]
-    storeys = 2 if area > 0 and middle.max() >= _STOREY * area else 1
+    first, last = (round((floor + share * (ceiling - floor) - low) / width) for share in _SECOND_FLOOR)
+    middle = np.convolve(up_per_bin, np.ones(3), mode="same")[first:last]
+    storeys = 2 if area > 0 and middle.max(initial=0.0) >= _STOREY * area else 1
     return Levels(floor, ceiling, bool(top), area, float(cloud.area.sum()), storeys)
 
 

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.geometry import Intrinsics, Pose
-from generators.acoustics.geometry import fibonacci_directions
 from generators.core.freespace import CELL, SENSOR_HEIGHT
+from generators.core.low_discrepancy import fibonacci_directions
 from generators.core.rays import RayCaster
 from generators.core.scene import Room, Scene, Support
 from generators.placement.site import Site
+from generators.scans.patches import RefusedTop, refused_tops
 from generators.vision.embree import EmbreeBackend
 
 Array = NDArray[np.float64]
@@ -35,6 +36,7 @@ class RoomMeasures:
     Attributes:
         room: its name and box, on the floor that was found.
         supports: level tops and free patches of wall.
+        refused: level tops on which nothing is put.
         doors: (D, 2) x and z of points across each doorway.
         walkable: (N, 2) x and z of the middles of walkable floor cells, 5 cm wide.
         holes: (H, 2) of cells of the floor through which one looks out of the scan.
@@ -45,6 +47,7 @@ class RoomMeasures:
 
     room: Room
     supports: tuple[Support, ...]
+    refused: tuple[RefusedTop, ...]
     doors: tuple[Array, ...]
     walkable: Array
     holes: Array
@@ -86,6 +89,7 @@ def measure(site: Site) -> RoomMeasures:
     return RoomMeasures(
         room,
         tuple(site.supports("floor") + site.supports("wall") + _all_tops(site)),
+        tuple(refused_tops(home.parts[0].mesh.positions, room, room.name)),
         site.doors,
         space.points,
         holes,

@@ -14,6 +14,7 @@ from avs3d_bench.commands.outputs import Signature
 from avs3d_bench.text.templates import keep_units, template_environment, words
 from generators.core.freespace import CELL
 from generators.core.scene import Scene, Support
+from generators.scans.patches import RefusedTop
 from generators.scans.scan import SoundReport
 from generators.surveying.fitting import FittingObservations
 from generators.surveying.measures import RoomMeasures, eye_pictures
@@ -49,7 +50,7 @@ class PlanDrawing:
         picture: data URI.
         rooms, unused: rectangles with the number and name of rooms that the manifest has, and of those that it has not.
         walkable, holes: rows of cells.
-        tops, walls, doors: supports and doorways.
+        tops, refused, walls, doors: supports, tops that are not used, and doorways.
     """
 
     x: float
@@ -61,6 +62,7 @@ class PlanDrawing:
     walkable: tuple[PlanRectangle, ...]
     holes: tuple[PlanRectangle, ...]
     tops: tuple[PlanRectangle, ...]
+    refused: tuple[PlanRectangle, ...]
     walls: tuple[PlanRectangle, ...]
     doors: tuple[PlanRectangle, ...]
 
@@ -92,6 +94,7 @@ def scan_page(
         count=len(entries),
         refused=found.refused,
         sound=sound,
+        refused_tops=_refused(measures),
         commands=commands,
     )
     return page.encode()
@@ -133,9 +136,17 @@ def draw(home: Scene, survey: Survey, measures: Sequence[RoomMeasures]) -> PlanD
         tuple(row for each in measures for row in rows_of(each.walkable)),
         tuple(row for each in measures for row in rows_of(each.holes)),
         tuple(_around(support, words(support.kind)) for each in measures for support in each.tops()),
+        tuple(_bounding(top.corners[:, [0, 2]], str(n)) for n, (_, top, _) in enumerate(_refused(measures), start=1)),
         tuple(_around(support, "free wall") for each in measures for support in each.walls()),
         tuple(_bounding(door, "doorway") for each in measures for door in each.doors),
     )
+
+
+def _refused(measures: Sequence[RoomMeasures]) -> list[tuple[str, RefusedTop, float]]:
+    """Room, top that is not used, and its height above the floor (m)."""
+    return [
+        (each.room.name, top, float(top.corners[0, 1]) - each.room.low[1]) for each in measures for top in each.refused
+    ]
 
 
 def rows_of(cells: Array) -> list[PlanRectangle]:

@@ -14,9 +14,9 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.geometry import Pose, direction_to
 from avs3d_bench.measures.decay import eyring, reverberation_time
 from avs3d_bench.validation.interaural import SURE, SideFit, side_level
-from generators.acoustics.geometry import fibonacci_directions
 from generators.acoustics.materials import MATERIALS, material_for, scaled_label, spectral_label
 from generators.acoustics.tracer.backend import TracerBackend
+from generators.core.low_discrepancy import fibonacci_directions
 from generators.core.rays import RayCaster
 from generators.core.scene import Material, Mesh, Room, Scene, Texture
 from generators.manifest.schema import ScanAcousticsSpec, ScanSpec
@@ -333,7 +333,7 @@ def test_unknown_rooms_and_surfaces_are_one_line_with_their_place(tmp_path: Path
 
 
 def test_apartments_have_no_surfaces_to_correct() -> None:
-    with pytest.raises(ValueError, match="surfaces and acoustics belong to a scan"):
+    with pytest.raises(ValueError, match="an apartment has no surfaces: only a scan has"):
         ScanSpec(seed=1, surfaces={"wall": "brick"})
 
 

@@ -6,13 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from avs3d_bench.errors import Avs3dError
-from generators.acoustics.geometry import fibonacci_directions
 from generators.acoustics.tracer.air import attenuation_db
 from generators.acoustics.tracer.clearance import clearance
 from generators.acoustics.tracer.philox import words
 from generators.acoustics.tracer.rays import ray_directions
 from generators.core.bvh import STACK, build
 from generators.core.jit import njit
+from generators.core.low_discrepancy import fibonacci_directions
 from tests.support.tracer_rooms import SIZE, box, surfaces
 
 

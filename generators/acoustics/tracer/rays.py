@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from avs3d_bench.geometry import times_matrix
-from generators.acoustics.geometry import fibonacci_directions
 from generators.acoustics.tracer.philox import words
+from generators.core.low_discrepancy import fibonacci_directions
 
 #: Purpose of random numbers (third word of the counter): the turn of the lattice.
 _TURN = 0x70

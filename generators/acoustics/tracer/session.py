@@ -18,7 +18,6 @@ from generators.acoustics.geometry import (
     check_free_source,
     checked_position,
     faces_of_room,
-    fibonacci_directions,
     reflections_to_decay,
 )
 from generators.acoustics.materials import triangle_areas
@@ -28,6 +27,7 @@ from generators.acoustics.tracer.early import Images, early_arrivals, images_of
 from generators.acoustics.tracer.late import rays_for, trace
 from generators.acoustics.tracer.settings import LONGEST, MOST_REFLECTIONS, TraceSettings
 from generators.acoustics.tracer.surfaces import surfaces_of
+from generators.core.low_discrepancy import fibonacci_directions
 from generators.core.scene import Scene
 
 if TYPE_CHECKING:

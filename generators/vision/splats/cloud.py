@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.gaussian_ply import GaussianTable, read_gaussians
 from avs3d_bench.geometry import times_matrix
+from generators.core.low_discrepancy import fibonacci_directions
 from generators.core.scene import F32, SplatFile
 
 Array = NDArray[np.float64]
@@ -128,11 +129,7 @@ def rotation_of_harmonics(rotation: Array, degree: int) -> Array:
     """
     from generators.vision.splats.kernels import harmonics
 
-    count = np.arange(_DIRECTIONS) + 0.5
-    # Fibonacci's spiral: directions in general position.
-    height, angle = 1.0 - 2.0 * count / _DIRECTIONS, np.pi * (1.0 + np.sqrt(5.0)) * count
-    radius = np.sqrt(1.0 - height**2)
-    directions = np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1)
+    directions = fibonacci_directions(_DIRECTIONS)
     turned, still = np.empty((2, _DIRECTIONS, (degree + 1) ** 2))
     harmonics(np.ascontiguousarray(directions @ rotation), turned)
     harmonics(directions, still)

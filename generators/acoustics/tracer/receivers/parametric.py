@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.contract.schema import HeadRecord, Scalar
-from generators.acoustics.geometry import SPEED_OF_SOUND, fibonacci_directions
+from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.tracer.receivers.measured import HrirHead
 from generators.acoustics.tracer.receivers.near_field import near_field
 from generators.acoustics.tracer.receivers.sofa import HrirSet
 from generators.acoustics.tracer.receivers.sphere import sphere_response
+from generators.core.low_discrepancy import fibonacci_directions
 
 F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]
