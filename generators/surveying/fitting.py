@@ -27,6 +27,8 @@ ONE_ROOM = ("living_room", "kitchen")
 MOST_OF_ONE_ROOM, MOST_OF_EACH = (4, 3), (2, 2)
 #: Numbers of instances that are tried in part_2.
 COPIES = (3, 2)
+#: Indices that are tried for several objects: places and walk are drawn by the key, and may fit under another one.
+TRIES = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,8 +120,15 @@ class ScanFitting:
         for name in names:
             if len(found) == most:
                 break
-            entry = {"part": "part_2", **place, "index": len(found) + 1, "category": name}
-            fitting = (copy for count in COPIES if not self.fault(copy := {**entry, "instances": count}))
+            first = found[-1]["index"] + 1 if found else 1
+            fitting = (
+                entry
+                for count in COPIES
+                for index in range(first, first + TRIES)
+                if not self.fault(
+                    entry := {"part": "part_2", **place, "index": index, "category": name, "instances": count}
+                )
+            )
             found += [candidate for candidate in [next(fitting, None)] if candidate is not None]
         return found
 

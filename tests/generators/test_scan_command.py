@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,12 +11,14 @@ import trimesh
 
 from avs3d_bench.cli import main
 from generators.core.boxes import yaw_matrix
+from generators.core.scene import Scene
 from generators.homes.store import open_home
 from generators.manifest.reading import read_manifest
 from generators.manifest.schema import ScanSpec
 from generators.options import GenerateOptions
 from generators.plan import make_plans
 from generators.surveying.document import relative_name
+from generators.surveying.fitting import ScanFitting
 from generators.surveying.page import rows_of
 from tests.support import browser
 from tests.support.made_rooms import ROOMS, flat, write_mesh
@@ -97,6 +100,18 @@ def test_the_same_scan_gives_the_same_bytes(folder: Path, tmp_path: Path) -> Non
         page.replace(b"view again", b"view my_room").split(b"<h2>Next")[0]
         == ((folder / "my_room.html").read_bytes().split(b"<h2>Next")[0])
     )
+
+
+def test_another_index_is_tried_where_objects_find_no_places(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Places are drawn by the key: else the name of the file would decide what a room has."""
+
+    def fault(_: ScanFitting, entry: dict[str, Any]) -> str:
+        return "no place" if entry["part"] != "part_1" and entry["index"] == 1 else ""
+
+    monkeypatch.setattr(ScanFitting, "fault", fault)
+    home = Scene("mine", (), (), ())
+    found = ScanFitting(home, {"scans": {"mine": {}}}, Path()).observations(("kitchen",)).entries
+    assert [entry["index"] for entry in found if entry["part"] == "part_2"] == [2, 3, 4]
 
 
 def test_the_page_is_one_file(folder: Path) -> None:
