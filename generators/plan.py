@@ -38,7 +38,7 @@ SECRET_SEEDS = 2**64
 ENGINE_SEEDS = 2**32
 #: What a home needs to be drawn by splats.
 _NO_SPLATS = (
-    "captured scenes; add `splats: FILE.ply` to a scan of the manifest (docs/scans.md), or choose another --vision"
+    "captured scenes; add `splats: FILE.ply` to a scan of the manifest (docs/splats.md), or choose another --vision"
 )
 
 

@@ -18,6 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
+#: Luminance of linear sRGB (IEC 61966-2-1).
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
 #: Fixed point of the curve, as radiance times exposure: 18 % grey, sRGB 118 of 255.
 MID_GREY = 0.18
 #: The smallest radiance (times exposure) that is shown as pure white.

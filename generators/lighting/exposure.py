@@ -9,11 +9,9 @@ import numpy as np
 
 from generators.core.arrays import dot_rows
 from generators.core.scene import Room, Scene
-from generators.core.tone import inverse_tone_curve
+from generators.core.tone import LUMINANCE, inverse_tone_curve
 from generators.lighting.lit_scene import LitScene
 
-#: Luminance of linear sRGB (IEC 61966-2-1).
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
 #: Display light (linear) at which a room's mean tone is shown.
 MEAN_TONE = 0.31
 #: At most this part of a room's pictures, windows and lamps apart, may be brighter than `HIGHLIGHT`.
@@ -56,7 +54,7 @@ def _exposure(lit: LitScene, room: Room) -> float:
     directions = np.tile(rays.reshape(-1, 3), (len(eyes), 1)).astype(np.float32)
     origins = np.repeat(eyes, rays.shape[0] * rays.shape[1], axis=0).astype(np.float32)
     hits = lit.tracer.intersect(origins, directions)
-    luminance = dot_rows(lit.reflected(hits["primID"], hits["u"], hits["v"]), _LUMINANCE)
+    luminance = dot_rows(lit.reflected(hits["primID"], hits["u"], hits["v"]), LUMINANCE)
     # What glows is left out: a window is bright whatever one does. So is what a camera inside of a cupboard sees.
     shows = lit.front(hits, directions) & (lit.emitted(hits).max(axis=1) <= 0) & (luminance > 0)
     if not shows.any():

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from generators.core.rays import Tracer
 from generators.core.scene import F32, I32, Part
-from generators.core.tone import inverse_tone_curve
+from generators.core.tone import LUMINANCE, inverse_tone_curve
 from generators.lighting.gather import cells_at
 from generators.lighting.surfaces import TEXTURE_LIMIT, LitSurfaces, albedo_at
 from generators.lighting.texels import Sheet
@@ -24,8 +24,6 @@ OUTSIDE = -2
 #: The dimmest luminance of a texel that shines, relative to the limit of its brightest channel: a red thing may clip in
 #: one channel and not shine.
 _WHITISH = 0.35
-#: Luminance of linear sRGB (IEC 61966-2-1).
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
 
 
 @dataclass(frozen=True, eq=False)

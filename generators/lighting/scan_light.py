@@ -33,11 +33,11 @@ from scipy.optimize import least_squares
 
 from generators.core.low_discrepancy import PATTERNS, cosine_directions, net
 from generators.core.scene import F32, I32, Mesh, Room, ScanLight, Scene
-from generators.core.tone import inverse_tone_curve, srgb_decode
+from generators.core.tone import LUMINANCE, inverse_tone_curve, srgb_decode
 from generators.lighting.direct import direct_light
 from generators.lighting.emitters import Emitters, bright_patches, face_areas
 from generators.lighting.gather import hemisphere_rays
-from generators.lighting.lit_scene import LUMINANCE, LitScene, Unseen, is_bright
+from generators.lighting.lit_scene import LitScene, Unseen, is_bright
 from generators.lighting.surfaces import LitSurfaces, albedo_at
 
 #: Radiance from which a texel may be clipped: sRGB 250 of 255, for JPEG and resampling blur the end of the range.

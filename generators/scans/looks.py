@@ -8,14 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generators.core.scene import Material, Mesh
-from generators.core.tone import srgb_encode
+from generators.core.tone import LUMINANCE, srgb_encode
 
 Array = NDArray[np.float64]
 
 #: Where a face is looked at: barycentric coordinates.
 _SAMPLES = np.array([[1, 1, 1], [4, 1, 1], [1, 4, 1], [1, 1, 4]]) / np.array([[3], [6], [6], [6]])
-#: Weights of the channels in luminance (ITU-R BT.709); here of sRGB values, which are near to what the eye tells apart.
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 #: All channels of a clipped sample are at least this (0–1).
 CLIPPED = 0.97
 
@@ -48,6 +46,7 @@ def face_looks(mesh: Mesh) -> FaceLooks:
         for weights in _SAMPLES:
             uv = np.einsum("k,fkc->fc", weights, mesh.uv[own].astype(np.float64))
             colour = _colours(material, uv)
+            # Of sRGB values, which are near to what the eye tells apart.
             luminance = (colour * LUMINANCE).sum(axis=-1)
             sums[:, own] += [luminance, luminance**2, (colour >= CLIPPED).all(axis=-1)]
     means = sums / len(_SAMPLES)

@@ -145,23 +145,27 @@ def find_levels(cloud: SurfaceCloud) -> Levels:
     up_per_bin = np.bincount(at[facing_up], weights=cloud.area[facing_up], minlength=_BINS)
     first, last = (round((floor + share * (ceiling - floor) - low) / width) for share in _SECOND_FLOOR)
     middle = np.convolve(up_per_bin, np.ones(3), mode="same")[first:last]
-    storeys = 2 if middle.max() >= _STOREY * area else 1
+    storeys = 2 if area > 0 and middle.max() >= _STOREY * area else 1
     return Levels(floor, ceiling, bool(top), area, float(cloud.area.sum()), storeys)
 
 
 def _plane(cloud: SurfaceCloud, level: NDArray[np.bool_], middle: float, width: float) -> tuple[float, float]:
-    """Height and area of the level surface around a bin."""
+    """Height and area of the level surface around a bin; its middle and 0 if there is none."""
     own = level & (np.abs(cloud.points[:, 1] - middle) <= 2 * width)
+    if not own.any():
+        return middle, 0.0
     height, area = cloud.points[own, 1], cloud.area[own]
     return float(quantiles(height, area, [0.5])[0]), float(area.sum())
 
 
 def find_tilt(cloud: SurfaceCloud, levels: Levels) -> float:
-    """Angle between the floor and the level, degrees: of the plane through the floor's points (least squares)."""
+    """Angle between the floor and the level, degrees: of the plane through the floor's points; 0 without a floor."""
     near = 0.03 * levels.height
     for _ in range(2):
         own = (np.abs(cloud.normals[:, 1]) >= LEVEL) & (np.abs(cloud.points[:, 1] - levels.floor) <= near)
         points, weight = cloud.points[own], cloud.area[own]
+        if not len(points):
+            return 0.0
         middle = (points * weight[:, None]).sum(axis=0) / weight.sum()
         around = (points - middle) * np.sqrt(weight)[:, None]
         normal = np.linalg.eigh(around.T @ around)[1][:, 0]

@@ -122,6 +122,8 @@ def survey(name: str, triangles: F32, known: KnownFrame = KnownFrame(), *, gltf:
     guesses: list[Guess] = []
     warnings: list[str] = []
     extent = float(np.linalg.norm(np.ptp(triangles.reshape(-1, 3).astype(np.float64), axis=0)))
+    # One point on each face: a stray face far away does not make the rest small.
+    extent = SurfaceCloud.of(triangles, np.inf).diagonal or extent
     rough = SurfaceCloud.of(triangles, max(extent, 1e-9) / _COARSE)
     keep = main_part(rough)
     rough = rough.where(keep)
@@ -134,6 +136,8 @@ def survey(name: str, triangles: F32, known: KnownFrame = KnownFrame(), *, gltf:
     if share < _ASKEW:
         warnings.append(f"only {share:.0%} of the upright surface is at right angles: boxes fit such rooms badly")
     levels = find_levels(rough)
+    if levels.height <= 0:
+        raise Avs3dError(f"{name}: its surface lies in one plane; expected a room: a floor and walls around it")
     scale = _scale(name, levels, known, guesses)
     _check_levels(name, levels, scale, find_tilt(rough, levels), warnings)
     rotation = yaw_matrix(np.radians(turn)) @ rotation

@@ -84,6 +84,13 @@ def test_junk_far_from_the_room_is_left_out() -> None:
     assert not any("floating pieces" in line for line in look(flat()).warnings)
 
 
+def test_a_stray_face_kilometres_away_changes_nothing() -> None:
+    room = flat(("kitchen",))
+    stray = np.array([[[3000.0, 0, 0], [3000.01, 0, 0], [3000, 0, 0.01]]])
+    found = look(np.concatenate([room, stray]), KnownFrame(rooms=RoomChoice((("kitchen", 1),))))
+    assert max(errors(found, np.eye(3)).values()) <= BOX
+
+
 def test_pieces_are_told_apart_by_the_gap_between_them() -> None:
     near = SurfaceCloud.of(np.concatenate([solid(((0, 0, 0), (3, 2, 3))), solid(((3.02, 0, 0), (3.2, 0.2, 0.2)))]), 0.1)
     assert main_part(near).all()
@@ -176,8 +183,11 @@ TILTED = flat() @ np.array([[1, 0, 0], [0, np.cos(0.1), -np.sin(0.1)], [0, np.si
         (flat() * 7.0, KnownFrame(), r"17\.5 units of the file.*--scale 0\.143 makes it 2\.5 m"),
         (STOREYS, KnownFrame(), r"two floors one above the other.*one file per storey"),
         (TILTED, KnownFrame(), r"tilted by 5\.\d°; expected at most 3°"),
+        (quad((0, 0, 0), (0, 0, 5), (4, 0, 0)), KnownFrame(), r"lies in one plane"),
+        (quad((0, 0, 0), (4, 0, 0), (0, 2.5, 0)), KnownFrame(up="y"), r"expected a floor of at least 2 m²"),
+        (flat(("kitchen",)), KnownFrame(scale=10.0), r"--scale 10: from floor to ceiling there are then 25 m"),
     ],
-    ids=["chair", "chair of a given scale", "cupboard", "unit", "storeys", "tilt"],
+    ids=["chair", "chair of a given scale", "cupboard", "unit", "storeys", "tilt", "plane", "wall", "large scale"],
 )
 def test_what_is_no_room_is_refused_in_one_line(triangles: Array, known: KnownFrame, line: str) -> None:
     with pytest.raises(Avs3dError, match=line) as caught:
