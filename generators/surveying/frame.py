@@ -145,7 +145,7 @@ def find_levels(cloud: SurfaceCloud) -> Levels:
     up_per_bin = np.bincount(at[facing_up], weights=cloud.area[facing_up], minlength=_BINS)
     first, last = (round((floor + share * (ceiling - floor) - low) / width) for share in _SECOND_FLOOR)
     middle = np.convolve(up_per_bin, np.ones(3), mode="same")[first:last]
-    storeys = 2 if area > 0 and middle.max() >= _STOREY * area else 1
+    storeys = 2 if area > 0 and middle.max(initial=0.0) >= _STOREY * area else 1
     return Levels(floor, ceiling, bool(top), area, float(cloud.area.sum()), storeys)
 
 
