@@ -333,7 +333,7 @@ def test_unknown_rooms_and_surfaces_are_one_line_with_their_place(tmp_path: Path
 
 
 def test_apartments_have_no_surfaces_to_correct() -> None:
-    with pytest.raises(ValueError, match="surfaces and acoustics belong to a scan"):
+    with pytest.raises(ValueError, match="surfaces belong to a scan"):
         ScanSpec(seed=1, surfaces={"wall": "brick"})
 
 
