@@ -20,7 +20,7 @@ from generators.acoustics.materials import (
 
 LABELS = (
     *("plaster", "concrete", "brick", "wood", "parquet", "tile", "ceramic", "glass", "metal", "plastic", "fabric"),
-    *("carpet", "curtain", "upholstery", "foliage", "paper", "water"),
+    *("carpet", "curtain", "upholstery", "foliage", "paper", "water", "clutter"),
 )
 UNIT_SQUARE = np.array([[[0, 0, 0], [1, 0, 0], [1, 0, 1]], [[0, 0, 0], [1, 0, 1], [0, 0, 1]]], dtype=float)
 
