@@ -9,9 +9,10 @@ in memory:
   (generators/lighting/form_factors.py); `NormalLobe` is this model, and needs a vectorised variant (``llvm_ad_rgb``).
   As ``physical`` it is the microfacet model of glTF and of Burley, "Physically-based shading at Disney" (SIGGRAPH 2012
   courses), with the roughness (1 − gloss)²: Mitsuba's ``principled``.
-- A face that emits becomes an area light that shines from its front. As ``physical`` a window's pane shines as its
-  picture does, with the same mean.
-- The texture of a scan is light already: as ``physical`` it is emitted, and reflects nothing.
+- A face that emits becomes an area light that shines from its front.
+- The texture of a scan is light already: as ``physical`` its faces emit the colour of their middle, in steps of a
+  `STEPS`-th of a stop, and reflect nothing. Nothing emits a texture, because Mitsuba then traces rays inside of each
+  mesh, which its OptiX code cannot do for several in one kernel.
 - The sun of our model shines through large panes, which are opaque for everything else. A path tracer has no such
   panes, but light adds up: the sun is rendered apart, as a far disc, in a scene whose sunny panes are taken out.
 """
@@ -21,6 +22,7 @@ from __future__ import annotations
 import contextlib
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -31,10 +33,10 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.core.rays import Tracer
 from generators.core.scene import Material, Room, Scene, Texture
-from generators.core.tone import MID_GREY, decode_table, inverse_tone_curve
+from generators.core.tone import decode_table, inverse_tone_curve
 from generators.lighting.form_factors import LOBE
 from generators.lighting.sun import SUN_RADIUS, Sun, find_sun
-from generators.lighting.surfaces import LitSurfaces, srgb_to_linear
+from generators.lighting.surfaces import LitSurfaces
 
 F32 = NDArray[np.float32]
 
@@ -50,6 +52,8 @@ _ELSEWHERE = 0.05
 _WALL = 0.4
 #: A path ends after this many reflections; at a mean albedo of 0.7 it then carries 10⁻⁵ of its light.
 MAX_DEPTH = 32
+#: Steps in a stop in which the light of photographs is told apart, and the least light that counts.
+STEPS, LEAST_LIGHT = 2, 2.0**-8
 #: Least roughness of ``principled``: below it, highlights of small lamps are found by chance alone.
 SMOOTHEST = 0.05
 #: From this reflection on a path ends by chance, with the probability that its light is absorbed.
@@ -96,10 +100,11 @@ def _works(variant: str) -> bool:
 class _Group:
     """Faces of one material: corners, shading normals and texture coordinates (F, 3, …), and the faces' area (m²).
 
-    ``is_picture``: they show a photograph, which is light already.
+    ``radiance``: what they emit. ``is_picture``: they show a photograph, which is light already.
     """
 
     material: Material
+    radiance: tuple[float, ...]
     is_picture: bool
     positions: F32
     normals: F32
@@ -142,9 +147,9 @@ class MitsubaScene:
         surfaces = LitSurfaces.of(scene.parts)
         sun = find_sun(scene.name, surfaces, Tracer(surfaces.triangles))
         pane = np.zeros(len(surfaces.triangles), dtype=bool) if sun is None else sun.pane
-        self.scenes = [self._load(_groups(scene, np.ones(len(pane), dtype=bool)), None)]
+        self.scenes = [self._load(self._groups(scene, np.ones(len(pane), dtype=bool)), None)]
         if sun is not None and not pane.all():
-            self.scenes.append(self._load(_groups(scene, ~pane), sun))
+            self.scenes.append(self._load(self._groups(scene, ~pane), sun))
 
     def render(self, pose: Pose, camera: Intrinsics, samples: int, seed: int = 0) -> F32:
         """Radiance (H, W, 3) float32, the mean over each pixel's square.
@@ -191,8 +196,7 @@ class MitsubaScene:
         mi = self._mi
         shapes: dict[str, Any] = {"type": "scene"}
         for number, group in enumerate(groups):
-            shines = max(group.material.emission) > 0 or (group.is_picture and self._look == "physical")
-            shapes[f"mesh_{number}"] = self._mesh(group, emits=sun is None and shines)
+            shapes[f"mesh_{number}"] = self._mesh(group, emits=sun is None and max(group.radiance) > 0)
         if sun is not None:
             corners = np.concatenate([group.positions.reshape(-1, 3) for group in groups]).astype(np.float64)
             middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
@@ -214,7 +218,11 @@ class MitsubaScene:
         properties["mesh_bsdf"] = self._bsdf(group)
         if emits:
             properties["mesh_emitter"] = mi.load_dict(
-                {"type": "area", "radiance": self._radiance(group), "sampling_weight": self._weight(group)}
+                {
+                    "type": "area",
+                    "radiance": {"type": "rgb", "value": list(group.radiance)},
+                    "sampling_weight": self._weight(group),
+                }
             )
         count = len(group.positions)
         mesh = mi.Mesh(
@@ -232,8 +240,7 @@ class MitsubaScene:
 
     def _weight(self, group: _Group) -> float:
         """How often an emitter is sampled: by its power, less if it is outside of the room."""
-        # A photograph has about the light of mid-grey.
-        power = group.area * (3 * MID_GREY / self._exposure if group.is_picture else sum(group.material.emission))
+        power = group.area * sum(group.radiance)
         if self._room is None:
             return power
         low, high = np.array(self._room.low) - _WALL, np.array(self._room.high) + _WALL
@@ -241,25 +248,9 @@ class MitsubaScene:
         inside = bool(np.all((centre >= low) & (centre <= high), axis=1).any())
         return power * (1.0 if inside else _ELSEWHERE)
 
-    def _radiance(self, group: _Group) -> Any:
-        """What a face emits: a colour, or a picture of it."""
-        material = group.material
-        if self._look == "physical" and material.texture is not None:
-            if group.is_picture:
-                table = inverse_tone_curve(decode_table()[:, None] * material.colour) / self._exposure
-                return self._bitmap((id(material.texture), "picture"), material.texture, table)
-            if material.shown is not None:
-                pixels = srgb_to_linear(material.texture.pixels[..., :3])
-                u, v = np.mod(group.uv.reshape(-1, 3, 2).mean(axis=1), 1.0).T
-                rows = ((1.0 - v) * pixels.shape[0]).astype(int).clip(0, pixels.shape[0] - 1)
-                seen = pixels[rows, (u * pixels.shape[1]).astype(int).clip(0, pixels.shape[1] - 1)].mean(axis=0)
-                table = decode_table()[:, None] * (np.asarray(material.emission) / np.maximum(seen, 1e-3))
-                return self._bitmap((id(material.texture), material.emission), material.texture, table)
-        return {"type": "rgb", "value": list(material.emission)}
-
     def _bsdf(self, group: _Group) -> Any:
         material = group.material
-        black = self._look == "physical" and (group.is_picture or material.shown is not None)
+        black = group.is_picture
         gloss = 0.0 if self._look == "matte" or group.is_picture else material.gloss
         key = (id(material.texture), material.colour, gloss, material.metal, black)
         if key not in self._bsdfs:
@@ -299,30 +290,54 @@ class MitsubaScene:
             )
         return self._bitmaps[key]
 
+    def _groups(self, scene: Scene, wanted: NDArray[np.bool_]) -> list[_Group]:
+        """The ``wanted`` faces (F,) of a scene by material; lamps by part too, so that each is sampled for itself."""
+        found: dict[tuple[Any, ...], tuple[Material, tuple[float, ...], bool, list[tuple[F32, F32, F32]]]] = {}
+        first = 0
+        for number, part in enumerate(scene.parts):
+            mesh, is_picture = part.mesh, self._look == "physical" and scene.is_scan(part)
+            edges = mesh.positions.astype(np.float64)
+            solid = np.linalg.norm(np.cross(edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 0]), axis=1) > 1e-12
+            solid &= wanted[first : first + len(edges)]
+            first += len(edges)
+            for index, material in enumerate(mesh.materials):
+                faces = np.flatnonzero((mesh.face_material == index) & solid)
+                pieces = [(material.emission, faces)]
+                if is_picture:
+                    light = inverse_tone_curve(middle_colours(material, mesh.uv[faces])) / scene.exposure
+                    pieces = [(radiance, faces[own]) for radiance, own in _alike(light)]
+                for radiance, own in pieces:
+                    is_lamp = not is_picture and max(radiance) > 0
+                    look = id(material.texture), material.colour, material.gloss, radiance, material.metal
+                    key = (*look, is_picture, number if is_lamp else -1)
+                    piece = mesh.positions[own], mesh.normals[own], mesh.uv[own]
+                    if len(own):
+                        found.setdefault(key, (material, radiance, is_picture, []))[3].append(piece)
+        return [
+            _Group(material, radiance, is_picture, *(np.concatenate([piece[k] for piece in pieces]) for k in range(3)))
+            for material, radiance, is_picture, pieces in found.values()
+        ]
 
-def _groups(scene: Scene, wanted: NDArray[np.bool_]) -> list[_Group]:
-    """The ``wanted`` faces (F,) of a scene by material; lamps by part too, so that each is sampled for itself."""
-    found: dict[tuple[Any, ...], tuple[Material, bool, list[tuple[F32, F32, F32]]]] = {}
-    first = 0
-    for number, part in enumerate(scene.parts):
-        mesh, is_picture = part.mesh, scene.is_scan(part)
-        count = len(mesh.positions)
-        edges = mesh.positions.astype(np.float64)
-        solid = np.linalg.norm(np.cross(edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 0]), axis=1) > 1e-12
-        for index, material in enumerate(mesh.materials):
-            own = (mesh.face_material == index) & wanted[first : first + count] & solid
-            if not own.any():
-                continue
-            is_lamp = max(material.emission) > 0
-            look = id(material.texture), material.colour, material.gloss, material.emission, material.metal
-            key = (*look, is_picture, number if is_lamp else -1)
-            piece = mesh.positions[own], mesh.normals[own], mesh.uv[own]
-            found.setdefault(key, (material, is_picture, []))[2].append(piece)
-        first += count
-    return [
-        _Group(material, is_picture, *(np.concatenate([piece[k] for piece in pieces]) for k in range(3)))
-        for material, is_picture, pieces in found.values()
-    ]
+
+def middle_colours(material: Material, uv: F32) -> NDArray[np.float64]:
+    """(F, 3) linear colour in the middle of faces with the texture coordinates ``uv`` (F, 3, 2)."""
+    colour = np.asarray(material.colour, dtype=np.float64)
+    if material.texture is None:
+        return np.broadcast_to(colour, (len(uv), 3))
+    pixels = material.texture.pixels
+    u, v = np.mod(uv.mean(axis=1), 1.0).T
+    rows = np.clip((1.0 - v) * pixels.shape[0], 0, pixels.shape[0] - 1).astype(int)
+    columns = np.clip(u * pixels.shape[1], 0, pixels.shape[1] - 1).astype(int)
+    return np.asarray(decode_table()[pixels[rows, columns, :3]] * colour)
+
+
+def _alike(light: NDArray[np.float64]) -> Iterator[tuple[tuple[float, float, float], NDArray[np.int64]]]:
+    """Radiances and the indices of the values (F, 3) within half a step of each."""
+    steps = np.round(STEPS * np.log2(np.maximum(light, LEAST_LIGHT))).astype(int)
+    kinds, kind = np.unique(steps, axis=0, return_inverse=True)
+    for number, step in enumerate(kinds):
+        red, green, blue = (2.0 ** (step / STEPS)).tolist()
+        yield (red, green, blue), np.flatnonzero(kind.ravel() == number)
 
 
 def normal_lobe(mi: Any) -> str:

@@ -9,11 +9,14 @@ reads radiance, albedo and normals, if ``pyoidn`` is installed. What shines by i
 of a scan) has no noise, and stays as it was traced.
 
 Materials are the microfacet model of glTF (see `generators.vision.mitsuba_scene`): metal, enamel, tiles and screens
-reflect the room. A window shows the radiance that lights the room, so that it is overexposed as in a photograph.
+reflect the room. A window shows its picture with the radiance that lights the room, so that it is overexposed as in a
+photograph.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -23,11 +26,11 @@ from scipy import ndimage
 
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.core.freespace import Navigable
-from generators.core.scene import F32, Scene
+from generators.core.scene import F32, Material, Part, Scene
 from generators.core.tone import WHITE, develop
 from generators.vision.base import RenderedView
 from generators.vision.embree import EmbreeBackend
-from generators.vision.mitsuba_scene import MAX_DEPTH, ROULETTE_DEPTH, MitsubaScene, load_mitsuba
+from generators.vision.mitsuba_scene import MAX_DEPTH, ROULETTE_DEPTH, MitsubaScene, load_mitsuba, middle_colours
 from generators.vision.views import check_camera, pose_number, trial_scene, view_of
 
 #: Paths a pixel, for each of the two scenes (lamps and sky; the sun).
@@ -104,18 +107,11 @@ class PathtracedSession:
     def __init__(self, mi: Any, scene: Scene, intrinsics: Intrinsics) -> None:
         check_camera(intrinsics)
         self._mi, self._intrinsics, self._exposure = mi, intrinsics, scene.exposure
-        self._labels = EmbreeBackend().open(scene, intrinsics)
+        self._labels = EmbreeBackend().open(replace(scene, parts=tuple(_through_windows(scene))), intrinsics)
         self._scenes = MitsubaScene(mi, scene, look="physical").scenes
-        counts = [len(part.mesh.positions) for part in scene.parts]
-        pictures = np.repeat([scene.is_scan(part) for part in scene.parts], counts)
-        emits = np.concatenate(
-            [
-                np.max([m.emission for m in part.mesh.materials], axis=1)[part.mesh.face_material] > 0
-                for part in scene.parts
-            ]
-        )
-        # The last one stands for no face.
-        self._is_picture, self._shines = np.append(pictures, False), np.append(pictures | emits, False)
+        # The last one of each stands for no face.
+        self._is_picture = _of_faces(scene, lambda part, material: scene.is_scan(part) or material.shown is not None)
+        self._shines = self._is_picture | _of_faces(scene, lambda part, material: max(material.emission) > 0)
         self._path = mi.load_dict({"type": "path", "max_depth": MAX_DEPTH, "rr_depth": ROULETTE_DEPTH})
         self._guide = mi.load_dict({"type": "aov", "aovs": "albedo:albedo,normal:sh_normal"})
 
@@ -132,7 +128,7 @@ class PathtracedSession:
             shines = self._shines[face]
             albedo = np.where(shines[..., None], np.minimum(radiance, 1.0), albedo)
             radiance = np.where(_inside(shines), radiance, _denoised(radiance, albedo, normal))
-        # A photograph is shown as by the other renderers, with the shadows that objects cast on it.
+        # Photographs, with the shadows that objects cast on them, and what windows show come from the other renderer.
         rgb = np.where(_inside(self._is_picture[face]), labels.rgb, develop(radiance))
         return RenderedView(rgb=rgb, depth=labels.depth, instance_ids=labels.instance_ids)
 
@@ -191,6 +187,25 @@ class PathtracedSession:
 
         sums = [np.array(dr.block_sum(dr.minimum(values[channel], most), SAMPLES)) for channel in range(3)]
         return np.asarray(np.stack(sums, axis=1) / SAMPLES, dtype=np.float32)
+
+
+def _of_faces(scene: Scene, is_so: Callable[[Part, Material], bool]) -> NDArray[np.bool_]:
+    """(faces + 1,) whether it is so for each face; False at the end."""
+    table = [np.array([is_so(part, m) for m in part.mesh.materials])[part.mesh.face_material] for part in scene.parts]
+    return np.append(np.concatenate(table), False)
+
+
+def _through_windows(scene: Scene) -> Iterator[Part]:
+    """The parts, with panes that show what lights the room: their picture, with their emission as its mean."""
+    for part in scene.parts:
+        mesh, materials = part.mesh, list(part.mesh.materials)
+        for index, material in enumerate(materials):
+            if material.shown is not None:
+                plain = replace(material, colour=(1.0, 1.0, 1.0))
+                seen = middle_colours(plain, mesh.uv[mesh.face_material == index]).mean(axis=0).clip(1e-3)
+                red, green, blue = (scene.exposure * np.asarray(material.emission) / seen).tolist()
+                materials[index] = replace(material, shown=(red, green, blue))
+        yield replace(part, mesh=replace(mesh, materials=tuple(materials)))
 
 
 def _inside(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
