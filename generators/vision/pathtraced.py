@@ -173,13 +173,17 @@ class PathtracedSession:
 
         mi, view = self._mi, view_of(self._intrinsics, pose)
         sampler = mi.load_dict({"type": "independent"})
-        sampler.seed(seed & 0xFFFFFFFF, count * SAMPLES)
-        pixel = dr.arange(mi.UInt32, count * SAMPLES) // SAMPLES + first
+        # Opaque: else each pose would be compiled into a kernel of its own.
+        start, number = dr.opaque(mi.UInt32, first), dr.opaque(mi.UInt32, seed & 0xFFFFFFFF)
+        origin, corner, right, down = (mi.Vector3f(v) for v in (view.origin, view.corner, view.right, view.down))
+        dr.make_opaque(origin, corner, right, down)
+        sampler.seed(number, count * SAMPLES)
+        pixel = dr.arange(mi.UInt32, count * SAMPLES) // SAMPLES + start
         inside = sampler.next_2d()
         x = mi.Float(pixel % view.width) + inside.x
         y = mi.Float(pixel // view.width) + inside.y
-        direction = mi.Vector3f(view.corner) + mi.Vector3f(view.right) * x + mi.Vector3f(view.down) * y
-        return mi.RayDifferential3f(mi.Point3f(view.origin), dr.normalize(direction)), sampler
+        direction = corner + right * x + down * y
+        return mi.RayDifferential3f(mi.Point3f(origin), dr.normalize(direction)), sampler
 
     def _means(self, values: Any, most: float) -> F32:
         """(pixels, 3) means of `SAMPLES` consecutive values of each channel, none above ``most``."""
