@@ -29,7 +29,7 @@ from tests.support.captured import captured, gaussians
 
 CAMERA = Intrinsics.from_fov(64)
 AHEAD = Pose.from_yaw((0.0, 0.0, 0.0), 0.0)  # looks along −Z
-SCAN = Path("/work/shared/scans/tatami_room.glb")
+SCAN = Path(__file__).parents[3] / "shared" / "scans" / "tatami_room.glb"
 
 
 def cloud_of(table: GaussianTable, to_world: np.ndarray | None = None) -> SplatCloud:
