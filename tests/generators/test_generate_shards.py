@@ -156,7 +156,14 @@ def test_the_record_is_that_of_the_folder_with_fewer_files(folders: Path, shards
         assert whole is not None
         assert record.files.items() < whole.files.items()
         folders_left_out = {name.partition("/")[0] for name in whole.files.keys() - record.files.keys()}
-        assert folders_left_out <= {"images", "sparse", "gt_3d", "audio_clips_mono", layout.SPLITS_JSON, layout.TOP_VIEW}
+        assert folders_left_out <= {
+            "images",
+            "sparse",
+            "gt_3d",
+            "audio_clips_mono",
+            layout.SPLITS_JSON,
+            layout.TOP_VIEW,
+        }
         assert record.plan_sha256 == tar_plan_digest(str(whole.plan_sha256)) != whole.plan_sha256
         same = {name: getattr(whole, name) for name in ("files", "sizes", "plan_sha256")}
         assert record.model_copy(update=same) == whole
