@@ -23,7 +23,7 @@ import contextlib
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.core.rays import Tracer
-from generators.core.scene import Material, Room, Scene, Texture
+from generators.core.scene import Material, Room, Scene
 from generators.core.tone import decode_table, inverse_tone_curve
 from generators.lighting.form_factors import LOBE
 from generators.lighting.sun import SUN_RADIUS, Sun, find_sun
@@ -98,14 +98,9 @@ def _works(variant: str) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Group:
-    """Faces of one material: corners, shading normals and texture coordinates (F, 3, …), and the faces' area (m²).
-
-    ``radiance``: what they emit. ``is_picture``: they show a photograph, which is light already.
-    """
+    """Faces of one material: corners, shading normals and texture coordinates (F, 3, …), and the faces' area (m²)."""
 
     material: Material
-    radiance: tuple[float, ...]
-    is_picture: bool
     positions: F32
     normals: F32
     uv: F32
@@ -133,7 +128,7 @@ class MitsubaScene:
     """
 
     def __init__(self, mi: Any, scene: Scene, room: Room | None = None, *, look: Look = "lobe") -> None:
-        self._mi, self._look, self._room, self._exposure = mi, look, room, scene.exposure
+        self._mi, self._look, self._room = mi, look, room
         if look == "lobe" and mi.variant().startswith("scalar"):
             glossy = [m.name for part in scene.parts for m in part.mesh.materials if m.gloss > 0]
             if glossy:
@@ -196,7 +191,7 @@ class MitsubaScene:
         mi = self._mi
         shapes: dict[str, Any] = {"type": "scene"}
         for number, group in enumerate(groups):
-            shapes[f"mesh_{number}"] = self._mesh(group, emits=sun is None and max(group.radiance) > 0)
+            shapes[f"mesh_{number}"] = self._mesh(group, emits=sun is None and max(group.material.emission) > 0)
         if sun is not None:
             corners = np.concatenate([group.positions.reshape(-1, 3) for group in groups]).astype(np.float64)
             middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
@@ -215,12 +210,12 @@ class MitsubaScene:
     def _mesh(self, group: _Group, *, emits: bool) -> Any:
         mi = self._mi
         properties = mi.Properties()
-        properties["mesh_bsdf"] = self._bsdf(group)
+        properties["mesh_bsdf"] = self._bsdf(group.material)
         if emits:
             properties["mesh_emitter"] = mi.load_dict(
                 {
                     "type": "area",
-                    "radiance": {"type": "rgb", "value": list(group.radiance)},
+                    "radiance": {"type": "rgb", "value": list(group.material.emission)},
                     "sampling_weight": self._weight(group),
                 }
             )
@@ -240,7 +235,7 @@ class MitsubaScene:
 
     def _weight(self, group: _Group) -> float:
         """How often an emitter is sampled: by its power, less if it is outside of the room."""
-        power = group.area * sum(group.radiance)
+        power = group.area * sum(group.material.emission)
         if self._room is None:
             return power
         low, high = np.array(self._room.low) - _WALL, np.array(self._room.high) + _WALL
@@ -248,19 +243,15 @@ class MitsubaScene:
         inside = bool(np.all((centre >= low) & (centre <= high), axis=1).any())
         return power * (1.0 if inside else _ELSEWHERE)
 
-    def _bsdf(self, group: _Group) -> Any:
-        material = group.material
-        black = group.is_picture
-        gloss = 0.0 if self._look == "matte" or group.is_picture else material.gloss
-        key = (id(material.texture), material.colour, gloss, material.metal, black)
+    def _bsdf(self, material: Material) -> Any:
+        gloss = 0.0 if self._look == "matte" else material.gloss
+        key = (id(material.texture), material.colour, gloss, material.metal)
         if key not in self._bsdfs:
-            inner: dict[str, Any] = {"type": "diffuse", "reflectance": self._reflectance(material)}
-            if black:
-                inner["reflectance"] = {"type": "rgb", "value": 0.0}
+            colour = self._reflectance(material)
+            inner: dict[str, Any] = {"type": "diffuse", "reflectance": colour}
             if gloss > 0 and self._look == "lobe":
-                inner = {"type": self._lobe, "gloss": gloss, "reflectance": inner["reflectance"]}
+                inner = {"type": self._lobe, "gloss": gloss, "reflectance": colour}
             elif gloss > 0:
-                colour = inner["reflectance"]
                 if material.metal is not None:
                     colour = {"type": "rgb", "value": list(material.metal)}
                 inner = {"type": "principled", "base_color": colour, "roughness": max((1.0 - gloss) ** 2, SMOOTHEST)}
@@ -271,14 +262,9 @@ class MitsubaScene:
     def _reflectance(self, material: Material) -> Any:
         if material.texture is None:
             return {"type": "rgb", "value": list(material.colour)}
-        table = decode_table()[:, None] * np.asarray(material.colour)
-        return self._bitmap((id(material.texture), material.colour), material.texture, table)
-
-    def _bitmap(self, key: tuple[Any, ...], texture: Texture, table: NDArray[Any]) -> Any:
-        """A texture whose levels of 8 bits mean the linear values of ``table`` (256, 3); made once for each ``key``."""
+        key = (id(material.texture), material.colour)
         if key not in self._bitmaps:
-            levels = texture.pixels
-            pixels = np.stack([table[levels[..., channel], channel] for channel in range(3)], axis=2)
+            pixels = decode_table()[material.texture.pixels[..., :3]] * np.asarray(material.colour)
             self._bitmaps[key] = self._mi.load_dict(
                 {
                     "type": "bitmap",
@@ -292,7 +278,7 @@ class MitsubaScene:
 
     def _groups(self, scene: Scene, wanted: NDArray[np.bool_]) -> list[_Group]:
         """The ``wanted`` faces (F,) of a scene by material; lamps by part too, so that each is sampled for itself."""
-        found: dict[tuple[Any, ...], tuple[Material, tuple[float, ...], bool, list[tuple[F32, F32, F32]]]] = {}
+        found: dict[tuple[Any, ...], tuple[Material, list[tuple[F32, F32, F32]]]] = {}
         first = 0
         for number, part in enumerate(scene.parts):
             mesh, is_picture = part.mesh, self._look == "physical" and scene.is_scan(part)
@@ -302,20 +288,20 @@ class MitsubaScene:
             first += len(edges)
             for index, material in enumerate(mesh.materials):
                 faces = np.flatnonzero((mesh.face_material == index) & solid)
-                pieces = [(material.emission, faces)]
+                kinds = [(material, faces)]
                 if is_picture:
                     light = inverse_tone_curve(middle_colours(material, mesh.uv[faces])) / scene.exposure
-                    pieces = [(radiance, faces[own]) for radiance, own in _alike(light)]
-                for radiance, own in pieces:
-                    is_lamp = not is_picture and max(radiance) > 0
-                    look = id(material.texture), material.colour, material.gloss, radiance, material.metal
-                    key = (*look, is_picture, number if is_lamp else -1)
+                    black = Material(material.name, material.acoustic, (0.0, 0.0, 0.0))
+                    kinds = [(replace(black, emission=radiance), faces[own]) for radiance, own in _alike(light)]
+                for kind, own in kinds:
+                    is_lamp = not is_picture and max(kind.emission) > 0
+                    look = id(kind.texture), kind.colour, kind.gloss, kind.emission, kind.metal
                     piece = mesh.positions[own], mesh.normals[own], mesh.uv[own]
                     if len(own):
-                        found.setdefault(key, (material, radiance, is_picture, []))[3].append(piece)
+                        found.setdefault((*look, number if is_lamp else -1), (kind, []))[1].append(piece)
         return [
-            _Group(material, radiance, is_picture, *(np.concatenate([piece[k] for piece in pieces]) for k in range(3)))
-            for material, radiance, is_picture, pieces in found.values()
+            _Group(material, *(np.concatenate([piece[k] for piece in pieces]) for k in range(3)))
+            for material, pieces in found.values()
         ]
 
 
