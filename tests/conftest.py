@@ -5,11 +5,13 @@ from __future__ import annotations
 import signal
 from collections.abc import Iterator
 from functools import partial
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
 from tests.support import tiny, tiny_scenes
+from tests.support.library_server import Server, serving
 from tests.support.shared import SharedDatasets
 
 # A slow machine is no failure of a test, and the same sources pass or fail in the same way on every machine.
@@ -59,3 +61,19 @@ def shared_part_3(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SharedDa
     made = SharedDatasets(tiny_scenes.write_part_3, partial(tmp_path_factory.mktemp, "shared"))
     yield made
     made.check()
+
+
+@pytest.fixture(scope="module")
+def library_server() -> Iterator[Server]:
+    """A service that libraries of objects and sounds are fetched from, for the tests of a file."""
+    with serving() as server:
+        yield server
+
+
+@pytest.fixture
+def github_server(library_server: Server, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Server:
+    """The service in GitHub's place, without routes, and an empty store of assets."""
+    library_server.routes.clear()
+    monkeypatch.setenv("AVS3D_GITHUB_URL", library_server.url)
+    monkeypatch.setenv("AVS3D_ASSETS", str(tmp_path / "store"))
+    return library_server

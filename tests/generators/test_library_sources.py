@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,7 +32,6 @@ from tests.support.library_server import (
     glb,
     gltf_zip,
     json_reply,
-    serving,
     sketchfab,
     wav,
 )
@@ -40,23 +39,17 @@ from tests.support.library_server import (
 FAST = FetchLimits(timeout=0.5, total=5.0, backoff=0.01, attempts=3, max_wait=0.5)
 
 
-@pytest.fixture(scope="module")
-def _server() -> Iterator[Server]:
-    with serving() as server:
-        yield server
-
-
 @pytest.fixture
-def server(_server: Server, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Server:
-    _server.routes.clear()
-    _server.calls.clear()
+def server(library_server: Server, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Server:
+    library_server.routes.clear()
+    library_server.calls.clear()
     for name in ("SKETCHFAB", "FREESOUND", "BBC_API", "BBC_MEDIA", "ESC50"):
-        monkeypatch.setenv(f"AVS3D_{name}_URL", _server.url)
+        monkeypatch.setenv(f"AVS3D_{name}_URL", library_server.url)
     for name in ("SKETCHFAB_TOKEN", "FREESOUND_TOKEN"):
         monkeypatch.setenv(name, TOKEN)
     monkeypatch.delenv("FREESOUND_OAUTH_TOKEN", raising=False)
     monkeypatch.setenv("AVS3D_ASSETS", str(tmp_path / "store"))
-    return _server
+    return library_server
 
 
 @pytest.fixture

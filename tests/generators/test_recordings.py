@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import struct
 import tracemalloc
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -24,26 +23,12 @@ from generators.library.references import asset_digests
 from generators.library.store import Store
 from generators.manifest.reading import read_manifest
 from generators.observation.sources import SoundFile
-from tests.support.library_server import Reply, Server, serving, wav
+from tests.support.library_server import Reply, Server, wav
 
 SR = 44_100
 MANIFESTS = Path(__file__).parents[2] / "scenes_manifest"
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
 REF = f"ann/house-sounds@{COMMIT}:kitchen/old clock (1).wav"
-
-
-@pytest.fixture(scope="module")
-def _server() -> Iterator[Server]:
-    with serving() as server:
-        yield server
-
-
-@pytest.fixture
-def server(_server: Server, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Server:
-    _server.routes.clear()
-    monkeypatch.setenv("AVS3D_GITHUB_URL", _server.url)
-    monkeypatch.setenv("AVS3D_ASSETS", str(tmp_path / "store"))
-    return _server
 
 
 def run(*args: object) -> Result:
@@ -61,9 +46,9 @@ def fetch(lock: Path, *more: str, ref: str = REF) -> Result:
 CREDIT = ("--licence", "CC0", "--author", "Ann")
 
 
-def test_a_file_of_a_commit_is_pinned_and_fetched_again(server: Server, tmp_path: Path) -> None:
+def test_a_file_of_a_commit_is_pinned_and_fetched_again(github_server: Server, tmp_path: Path) -> None:
     data, lock = wav(), tmp_path / "assets.lock.yaml"
-    server.on(f"/ann/house-sounds/{COMMIT}/kitchen/old%20clock%20%281%29.wav", Reply(data))
+    github_server.on(f"/ann/house-sounds/{COMMIT}/kitchen/old%20clock%20%281%29.wav", Reply(data))
     done = fetch(lock, *CREDIT, "--url", "https://freesound.org/s/1/")
     assert done.exit_code == 0, done.output
     (entry,) = read_lock(lock).assets
@@ -88,7 +73,7 @@ def test_a_file_of_a_commit_is_pinned_and_fetched_again(server: Server, tmp_path
     ],
 )
 def test_a_file_that_cannot_be_had_is_one_line(
-    server: Server, tmp_path: Path, ref: str, more: tuple[str, ...], words: str
+    github_server: Server, tmp_path: Path, ref: str, more: tuple[str, ...], words: str
 ) -> None:
     done = fetch(tmp_path / "assets.lock.yaml", *more, ref=ref)
     assert done.exit_code != 0

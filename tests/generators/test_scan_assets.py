@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,7 @@ from generators.manifest.schema import ScanSpec
 from generators.options import GenerateOptions
 from generators.plan import ObservationPlan, make_plans
 from generators.run.dataset_record import _of_scans
-from tests.support.library_server import Reply, Server, glb, serving, wav
+from tests.support.library_server import Reply, Server, glb, wav
 
 MANIFESTS = Path(__file__).parents[2] / "scenes_manifest"
 SHARED = Path(__file__).parents[3] / "shared" / "scans"
@@ -34,19 +33,10 @@ CREDIT = ("--licence", "CC0", "--author", "Ann")
 BOX = [[0.0, 0.0, 0.0], [3.0, 2.5, 4.0]]
 
 
-@pytest.fixture(scope="module")
-def _server() -> Iterator[Server]:
-    with serving() as server:
-        yield server
-
-
 @pytest.fixture
-def server(_server: Server, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Server:
-    _server.routes.clear()
-    monkeypatch.setenv("AVS3D_GITHUB_URL", _server.url)
-    monkeypatch.setenv("AVS3D_ASSETS", str(tmp_path / "store"))
-    _server.on(f"/ann/my-flat/{COMMIT}/scans/living%20room.glb", Reply(glb()))
-    return _server
+def server(github_server: Server) -> Server:
+    github_server.on(f"/ann/my-flat/{COMMIT}/scans/living%20room.glb", Reply(glb()))
+    return github_server
 
 
 def run(*args: object) -> Result:
