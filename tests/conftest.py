@@ -6,13 +6,16 @@ import signal
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import settings
 
 from tests.support import tiny, tiny_scenes
-from tests.support.library_server import Server, serving
 from tests.support.shared import SharedDatasets
+
+if TYPE_CHECKING:
+    from tests.support.library_server import Server
 
 # A slow machine is no failure of a test, and the same sources pass or fail in the same way on every machine.
 # `pytest --hypothesis-profile explore` draws other examples each time.
@@ -66,6 +69,8 @@ def shared_part_3(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SharedDa
 @pytest.fixture(scope="module")
 def library_server() -> Iterator[Server]:
     """A service that libraries of objects and sounds are fetched from, for the tests of a file."""
+    from tests.support.library_server import serving
+
     with serving() as server:
         yield server
 
