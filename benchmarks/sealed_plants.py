@@ -89,12 +89,20 @@ def _touch_all(path: Path) -> None:
 
 
 def _write_again(cases: Sequence[Case]) -> None:
-    """Files of the frames that show the right object are made after all others."""
+    """Files of the frames that show the right object are made after all others, or before: what moves more of them.
+
+    A file system may give the numbers of deleted files to new ones: files are made first and then dealt out by number.
+    """
     for case in (one for one in cases if one.instances):
         shown = case.areas[case.truth] > 0
+        last, first = (np.argsort(late, kind="stable") for late in (shown, ~shown))
+        moved = max(last, first, key=lambda order: np.abs(order - np.arange(len(order))).sum())
         for folder, path in ((layout.INPUT, layout.image_path), (layout.BINAURAL, layout.audio_path)):
-            paths = [case.folders[0] / path(folder, int(index)) for index in np.argsort(shown, kind="stable")]
+            paths = [case.folders[0] / path(folder, int(index)) for index in moved]
             others = [one.with_name(f"again-{one.name}") for one in paths]
+            for other in others:
+                other.touch()
+            others.sort(key=lambda other: other.stat().st_ino)
             for one, other in zip(paths, others, strict=True):
                 shutil.copy2(one, other)
             for one, other in zip(paths, others, strict=True):

@@ -274,7 +274,8 @@ def _open_request(scene: Scene, folder: Path, camera: Intrinsics, hfov: float) -
     """Write what habitat-sim is to load into ``folder``; returns the request that makes it do so."""
     home = [part for part in scene.parts if part.instance_id == 0]
     stage = "NONE"  # habitat-sim's word for an empty scene
-    if scene.stage is not None and all(part.light is None for part in home):
+    # habitat-sim 0.2.2 reads neither the scale nor the unit of a stage: a scan that is not in metres is written anew.
+    if scene.stage is not None and scene.stage.scale == 1.0 and all(part.light is None for part in home):
         stage = _write_stage(folder, scene.stage)
     elif home:
         _export(scene, home, folder / "stage.glb", _texel(camera, HOME_DISTANCE, HOME_TEXELS))
@@ -323,8 +324,6 @@ def _write_stage(folder: Path, stage: StageFile) -> str:
         "front": [float(-c) for c in turn[2]],
         "force_flat_shading": True,
     }
-    if stage.scale != 1.0:
-        config["scale"] = [stage.scale] * 3
     path = folder / "scene.stage_config.json"
     path.write_text(json.dumps(config))
     return str(path)
