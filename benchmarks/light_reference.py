@@ -265,7 +265,7 @@ def without_gloss(scene: Scene) -> Scene:
     """The scene with matte materials and without its light."""
     parts = []
     for part in scene.parts:
-        materials = tuple(replace(m, gloss=0.0) for m in part.mesh.materials)
+        materials = tuple(replace(m, roughness=1.0) for m in part.mesh.materials)
         parts.append(replace(part, mesh=replace(part.mesh, materials=materials), light=None))
     return replace(scene, parts=tuple(parts))
 

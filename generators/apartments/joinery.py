@@ -36,8 +36,8 @@ _OUTDOORS = (
 )
 #: Tints of the daylight (linear RGB): white, warm, cool.
 _SKIES = ((1.0, 1.0, 1.0), (1.03, 1.0, 0.95), (0.95, 0.99, 1.06))
-#: What a pane itself reflects (linear RGB), and its gloss.
-_PANE_COLOUR, _PANE_GLOSS = (0.04, 0.04, 0.04), 0.9
+#: What a pane itself reflects (linear RGB), and its roughness.
+_PANE_COLOUR, _PANE_ROUGHNESS = (0.04, 0.04, 0.04), 0.01
 
 #: Depth of a window's frame before its panes (m).
 _FRAME_DEPTH = 0.055
@@ -143,7 +143,7 @@ def sky_strips(style: ShellStyle, view: Texture) -> tuple[Material, ...]:
             _PANE_COLOUR,
             texture=view,
             emission=(float(r), float(g), float(b)),
-            gloss=_PANE_GLOSS,
+            roughness=_PANE_ROUGHNESS,
             shown=VIEW_BRIGHTNESS,
         )
         for i, (r, g, b) in enumerate(radiance)

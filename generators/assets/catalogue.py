@@ -26,7 +26,6 @@ from generators.assets.objects import (
     washing_machine,
 )
 from generators.assets.objects.design import Build, Mount
-from generators.assets.objects.finishes import mirrored
 from generators.assets.objects.training import (
     clocks,
     coffee_machines,
@@ -113,6 +112,5 @@ def build_model(category: str, variant: str, rng: Generator) -> Model:
     build = _VARIANTS[category].get(variant) or _FAMILIES[category][variant]
     design = framed(build(rng))
     name = f"{category}/{variant}"
-    mesh = mirrored(design.mesh)
-    mesh.check(name)
-    return Model(name, category, mesh, design.mount, Licence(), design.source_point)
+    design.mesh.check(name)
+    return Model(name, category, design.mesh, design.mount, Licence(), design.source_point)

@@ -11,19 +11,19 @@ from generators.assets.textures.noise import Field, Image, grid, hex_colour, mix
 from generators.core.scene import Material, Texture
 
 
-def _material(role: str, acoustic: str, pixels: Image, gloss: float) -> Material:
-    return Material(role, acoustic, texture=Texture(role, pixels), gloss=gloss)
+def _material(role: str, acoustic: str, pixels: Image, roughness: float) -> Material:
+    return Material(role, acoustic, texture=Texture(role, pixels), roughness=roughness)
 
 
-#: Acoustic label and gloss of the floors of `dry_floor`.
+#: Acoustic label and roughness of the floors of `dry_floor`.
 DRY_FLOORS = {
-    "strips": ("parquet", 0.15),
-    "strips_wide": ("parquet", 0.15),
-    "strips_narrow": ("parquet", 0.2),
-    "herringbone": ("parquet", 0.2),
-    "herringbone_straight": ("parquet", 0.2),
-    "concrete": ("concrete", 0.2),
-    "terracotta": ("tile", 0.1),
+    "strips": ("parquet", 0.72),
+    "strips_wide": ("parquet", 0.72),
+    "strips_narrow": ("parquet", 0.64),
+    "herringbone": ("parquet", 0.64),
+    "herringbone_straight": ("parquet", 0.64),
+    "concrete": ("concrete", 0.64),
+    "terracotta": ("tile", 0.81),
 }
 
 
@@ -61,7 +61,7 @@ def _checker(rng: np.random.Generator, colours: tuple[Field, ...]) -> Image:
 
 def wet_floor(role: str, kind: str, colours: tuple[Field, ...], rng: np.random.Generator) -> Material:
     """The floor of a kitchen or bathroom: 2.4 m per repeat."""
-    gloss = 0.3
+    roughness = 0.49
     if kind == "hex":
         pixels = ceramic.hexagons(rng, colours, shift_colour(colours[0], value=-0.2), columns=16)
     elif kind == "square":
@@ -83,14 +83,14 @@ def wet_floor(role: str, kind: str, colours: tuple[Field, ...], rng: np.random.G
     elif kind == "checker":
         pixels = _checker(rng, colours)
     elif kind == "terrazzo":
-        pixels, gloss = surfaces.terrazzo(rng, colours[0], colours[1:]), 0.25
+        pixels, roughness = surfaces.terrazzo(rng, colours[0], colours[1:]), 0.56
     elif kind == "cement":
-        pixels, gloss = ceramic.cement(rng, (colours[0], colours[1], colours[2]), columns=12), 0.15
+        pixels, roughness = ceramic.cement(rng, (colours[0], colours[1], colours[2]), columns=12), 0.72
     elif kind == "terracotta":
-        pixels, gloss = ceramic.terracotta(rng, colours[0], colours[1]), 0.1
+        pixels, roughness = ceramic.terracotta(rng, colours[0], colours[1]), 0.81
     else:
         raise UsageError(f"unknown wet floor {kind!r}: see the wet_floors of generators/assets/styles.py")
-    return _material(role, "tile", pixels, gloss)
+    return _material(role, "tile", pixels, roughness)
 
 
 def wall_tiles(role: str, kind: str, colour: Field, grout: Field, rng: np.random.Generator) -> Material:
@@ -125,36 +125,36 @@ def wall_tiles(role: str, kind: str, colour: Field, grout: Field, rng: np.random
         pixels = ceramic.tiles(rng, colour, grout, tiling=ceramic.Tiling(columns=2, rows=4, mottle=0.05, joint=3.0))
     else:
         raise UsageError(f"unknown wall tile {kind!r}: see the wall_tiles of generators/assets/styles.py")
-    return _material(role, "tile", pixels, 0.35)
+    return _material(role, "tile", pixels, 0.42)
 
 
 def accent_wall(role: str, finish: str, style: Style, rng: np.random.Generator) -> Material:
     """A feature wall, 2.12 m per repeat: wallpaper in half of the flats whose style has any, else paint or brick."""
     if finish == "brick":
-        return _material(role, "brick", surfaces.brick(rng, hex_colour("#96583f"), hex_colour("#b3aa9d")), 0.0)
+        return _material(role, "brick", surfaces.brick(rng, hex_colour("#96583f"), hex_colour("#b3aa9d")), 1)
     if style.papers and rng.random() < 0.5:
         motif, ground, ink = style.papers[int(rng.integers(len(style.papers)))]
         paper = surfaces.wallpaper(rng, hex_colour(ground), hex_colour(ink), motif=motif)
-        return _material(role, "plaster", np.tile(paper, (2, 2, 1)), 0.0)
+        return _material(role, "plaster", np.tile(paper, (2, 2, 1)), 1)
     colour = hex_colour(style.accents[int(rng.integers(len(style.accents)))])
-    return _material(role, "plaster", surfaces.wall_paint(rng, colour, rough=3.0 if finish == "lime" else 1.0), 0.0)
+    return _material(role, "plaster", surfaces.wall_paint(rng, colour, rough=3.0 if finish == "lime" else 1.0), 1)
 
 
 def worktop(role: str, spec: str, rng: np.random.Generator) -> Material:
     """A kitchen's worktop, 0.9 m per repeat, of ``kind:value`` (see `Style.worktops`)."""
     kind, value = spec.split(":")
     if kind == "wood":
-        return _material(role, "wood", wood.butcher_block(rng, value), 0.15)
+        return _material(role, "wood", wood.butcher_block(rng, value), 0.72)
     colour = hex_colour(value)
     if kind == "granite":
         minerals = (colour, shift_colour(colour, value=0.35), shift_colour(colour, value=1.0, saturation=-0.3))
-        return _material(role, "ceramic", surfaces.granite(rng, minerals), 0.4)
+        return _material(role, "ceramic", surfaces.granite(rng, minerals), 0.36)
     if kind == "marble":
         sheet = ceramic.marble_sheet(rng, (512, 512), colour, mix(colour, np.full(3, 0.4), np.array([0.75]))[0])
-        return _material(role, "ceramic", np.asarray(np.clip(np.rint(sheet * 255), 0, 255), dtype=np.uint8), 0.4)
+        return _material(role, "ceramic", np.asarray(np.clip(np.rint(sheet * 255), 0, 255), dtype=np.uint8), 0.36)
     if kind == "terrazzo":
         chips = (hex_colour("#8d7a66"), hex_colour("#b9785a"), hex_colour("#6d7a74"))
-        return _material(role, "ceramic", surfaces.terrazzo(rng, colour, chips, size=512), 0.3)
+        return _material(role, "ceramic", surfaces.terrazzo(rng, colour, chips, size=512), 0.49)
     if kind == "steel":
-        return _material(role, "metal", surfaces.brushed(rng, colour), 0.5)
+        return _material(role, "metal", surfaces.brushed(rng, colour), 0.25)
     raise UsageError(f"unknown worktop {spec!r}: expected wood:, granite:, marble:, terrazzo: or steel:")

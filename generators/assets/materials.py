@@ -180,29 +180,31 @@ class Palette:
 Recipe = Callable[[Palette, Style, str, np.random.Generator], Material]
 
 
-def _textured(role: str, acoustic: str, pixels: Image, gloss: float = 0.0, **more: object) -> Material:
-    return Material(role, acoustic, texture=Texture(role, pixels), gloss=gloss, **more)  # type: ignore[arg-type]
+def _textured(role: str, acoustic: str, pixels: Image, roughness: float = 1, **more: object) -> Material:
+    return Material(role, acoustic, texture=Texture(role, pixels), roughness=roughness, **more)  # type: ignore[arg-type]
 
 
-def _board(role: str, spec: str, rng: np.random.Generator, gloss: float = 0.15) -> Material:
+def _board(role: str, spec: str, rng: np.random.Generator, roughness: float = 0.72) -> Material:
     """A wooden or lacquered board: ``wood:<species>`` or a paint's hex."""
     if spec.startswith("wood:"):
-        return _textured(role, "wood", wood.veneer(rng, spec[5:]), gloss)
-    return _textured(role, "wood", wood.painted(rng, hex_colour(spec)), gloss)
+        return _textured(role, "wood", wood.veneer(rng, spec[5:]), roughness)
+    return _textured(role, "wood", wood.painted(rng, hex_colour(spec)), roughness)
 
 
 def _plain(
-    acoustic: str, colour: str, gloss: float = 0.0, emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    acoustic: str, colour: str, roughness: float = 1, emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> Recipe:
-    return lambda palette, style, role, rng: Material(role, acoustic, _linear(colour), None, emission, gloss)
+    return lambda palette, style, role, rng: Material(
+        role, acoustic, _linear(colour), None, emission, roughness=roughness
+    )
 
 
-def _boards(field: str, gloss: float = 0.15) -> Recipe:
+def _boards(field: str, roughness: float = 0.72) -> Recipe:
     def make(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
         spec = str(palette.choose(field, getattr(style, field)))
         if field in ("wood", "wood_alt"):
             spec = f"wood:{spec}"
-        return _board(role, spec, rng, gloss)
+        return _board(role, spec, rng, roughness)
 
     return make
 
@@ -211,16 +213,18 @@ def _metal(field: str) -> Recipe:
     def make(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
         colour = _linear(str(palette.choose(field, getattr(style, field))))
         # Dark handles and taps are lacquered.
-        return Material(role, "metal", colour, gloss=0.6, metal=colour if max(colour) > _DARKEST_METAL else None)
+        return Material(role, "metal", colour, roughness=0.16, metallic=float(max(colour) > _DARKEST_METAL))
 
     return make
 
 
-def _bare_metal(colour: str, gloss: float, make: Callable[..., Image] | None = None) -> Recipe:
+def _bare_metal(colour: str, roughness: float, make: Callable[..., Image] | None = None) -> Recipe:
     def recipe(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
         texture = None if make is None else Texture(role, make(rng, hex_colour(colour)))
         plain = _linear(colour)
-        return Material(role, "metal", (1.0, 1.0, 1.0) if texture else plain, texture, gloss=gloss, metal=plain)
+        return Material(
+            role, "metal", (1.0, 1.0, 1.0) if texture else plain, texture, roughness=roughness, metallic=1.0
+        )
 
     return recipe
 
@@ -231,7 +235,7 @@ def _upholstery(index: int) -> Recipe:
         kind, code = style.upholstery[int(order[index % len(order)])]
         colour = hex_colour(code)
         if kind == "leather":
-            return _textured(role, "upholstery", surfaces.leather(rng, colour), 0.2)
+            return _textured(role, "upholstery", surfaces.leather(rng, colour), 0.64)
         if kind == "weave":
             other = shift_colour(colour, value=0.14, saturation=-0.2)
             return _textured(role, "upholstery", cloth.weave(rng, colour, second=other))
@@ -289,17 +293,17 @@ def _picture(index: int) -> Recipe:
 
 def _paint(field: str) -> Recipe:
     def make(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
-        return Material(role, "wood", _linear(str(palette.choose(field, getattr(style, field)))), gloss=0.2)
+        return Material(role, "wood", _linear(str(palette.choose(field, getattr(style, field)))), roughness=0.64)
 
     return make
 
 
-def _drawn(acoustic: str, make: Callable[[np.random.Generator], Image], gloss: float = 0.0) -> Recipe:
-    return lambda palette, style, role, rng: _textured(role, acoustic, make(rng), gloss)
+def _drawn(acoustic: str, make: Callable[[np.random.Generator], Image], roughness: float = 1) -> Recipe:
+    return lambda palette, style, role, rng: _textured(role, acoustic, make(rng), roughness)
 
 
-def _tinted(acoustic: str, make: Callable[..., Image], colour: str, gloss: float = 0.0) -> Recipe:
-    return lambda palette, style, role, rng: _textured(role, acoustic, make(rng, hex_colour(colour)), gloss)
+def _tinted(acoustic: str, make: Callable[..., Image], colour: str, roughness: float = 1) -> Recipe:
+    return lambda palette, style, role, rng: _textured(role, acoustic, make(rng, hex_colour(colour)), roughness)
 
 
 def _lamp_shade(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
@@ -320,8 +324,8 @@ def _floor(palette: Palette, style: Style, role: str, rng: np.random.Generator) 
             return finishes.wet_floor(role, kind, tuple(hex_colour(c) for c in colours), rng)
     kind, spec = style.floors[int(palette.stream("floors").integers(len(style.floors)))]
     pixels = palette.shared("dry floor", lambda stream: finishes.dry_floor(kind, spec, stream))
-    label, gloss = finishes.DRY_FLOORS[kind]
-    return _textured(role, label, pixels, gloss)
+    label, roughness = finishes.DRY_FLOORS[kind]
+    return _textured(role, label, pixels, roughness)
 
 
 def _wall(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
@@ -356,38 +360,38 @@ _RECIPES: dict[str, Recipe] = {
     "skirting": _boards("skirting"),
     "door_frame": _boards("skirting"),
     "door": _boards("doors"),
-    "window_frame": _boards("frames", 0.25),
-    "window_sill": _tinted("wood", wood.painted, "#e8e6e0", 0.25),
-    "window_view": _drawn("glass", pictures.outdoor, 0.3),
-    "wood": _boards("wood", 0.12),
-    "wood_alt": _boards("wood_alt", 0.12),
+    "window_frame": _boards("frames", 0.56),
+    "window_sill": _tinted("wood", wood.painted, "#e8e6e0", 0.56),
+    "window_view": _drawn("glass", pictures.outdoor, 0.49),
+    "wood": _boards("wood", 0.77),
+    "wood_alt": _boards("wood_alt", 0.77),
     "butcher": lambda palette, style, role, rng: finishes.worktop(role, "wood:oak", rng),
-    "front": _boards("fronts", 0.2),
-    "front_upper": _boards("fronts_upper", 0.2),
-    "bath_front": _boards("fronts", 0.25),
-    "white": _tinted("wood", wood.painted, "#e6e4df", 0.2),
+    "front": _boards("fronts", 0.64),
+    "front_upper": _boards("fronts_upper", 0.64),
+    "bath_front": _boards("fronts", 0.56),
+    "white": _tinted("wood", wood.painted, "#e6e4df", 0.64),
     "accent_paint": _paint("accent_paint"),
     "worktop": _worktop,
     "metal": _metal("metal"),
     "tap": _metal("tap"),
-    "chrome": _bare_metal("#c3c6c9", 0.75),
-    "black_metal": _plain("metal", "#3a3a3b", 0.35),
-    "steel": _bare_metal("#b6b9bb", 0.5, surfaces.brushed),
-    "enamel": _plain("metal", "#e6e6e3", 0.4),
-    "radiator": _plain("metal", "#e7e6e2", 0.3),
-    "ceramic": _plain("ceramic", "#e9e8e4", 0.45),
+    "chrome": _bare_metal("#c3c6c9", 0.06),
+    "black_metal": _plain("metal", "#3a3a3b", 0.42),
+    "steel": _bare_metal("#b6b9bb", 0.25, surfaces.brushed),
+    "enamel": _plain("metal", "#e6e6e3", 0.36),
+    "radiator": _plain("metal", "#e7e6e2", 0.49),
+    "ceramic": _plain("ceramic", "#e9e8e4", 0.3),
     "ceramic_accent": _paint("accent_paint"),
-    "glass": _plain("glass", "#b9c8ca", 0.6),
-    "black_glass": _plain("glass", "#353638", 0.7),
-    "screen": _drawn("glass", pictures.tv_screen, 0.6),
-    "hob": _drawn("glass", pictures.hob, 0.6),
+    "glass": _plain("glass", "#b9c8ca", 0.16),
+    "black_glass": _plain("glass", "#353638", 0.09),
+    "screen": _drawn("glass", pictures.tv_screen, 0.16),
+    "hob": _drawn("glass", pictures.hob, 0.16),
     "oven_panel": lambda palette, style, role, rng: _textured(
-        role, "metal", pictures.oven_panel(rng, hex_colour("#b6b9bb")), 0.4
+        role, "metal", pictures.oven_panel(rng, hex_colour("#b6b9bb")), 0.36
     ),
-    "plastic_white": _plain("plastic", "#e2e1dc", 0.15),
-    "plastic_black": _plain("plastic", "#333334", 0.15),
+    "plastic_white": _plain("plastic", "#e2e1dc", 0.72),
+    "plastic_black": _plain("plastic", "#333334", 0.72),
     "wicker": _tinted("wood", surfaces.wicker, "#c49c68"),
-    "leather": _tinted("upholstery", surfaces.leather, "#6f462e", 0.2),
+    "leather": _tinted("upholstery", surfaces.leather, "#6f462e", 0.64),
     "sofa": _upholstery(0),
     "armchair": _upholstery(1),
     "chair_fabric": _upholstery(2),
@@ -410,14 +414,14 @@ _RECIPES: dict[str, Recipe] = {
     "stem": _plain("wood", "#6d5a3c"),
     "soil": _tinted("plaster", surfaces.soil, "#55432f"),
     "pot": _plain("ceramic", "#b5714d"),
-    "pot_white": _plain("ceramic", "#dedbd3", 0.3),
-    "fruit_orange": _plain("foliage", "#dd8a35", 0.1),
-    "fruit_green": _plain("foliage", "#8aa843", 0.1),
-    "fruit_red": _plain("foliage", "#b23a32", 0.1),
+    "pot_white": _plain("ceramic", "#dedbd3", 0.49),
+    "fruit_orange": _plain("foliage", "#dd8a35", 0.81),
+    "fruit_green": _plain("foliage", "#8aa843", 0.81),
+    "fruit_red": _plain("foliage", "#b23a32", 0.81),
     "lamp_shade": _lamp_shade,
-    "lamp_glass": _plain("glass", "#f2ead8", 0.3, (19.0, 15.5, 11.0)),
-    "bulb": _plain("glass", "#fff1d6", 0.3, (60.0, 46.0, 30.0)),
-    "hood_light": _plain("glass", "#efe6d6", 0.3, (22.0, 19.0, 14.5)),
+    "lamp_glass": _plain("glass", "#f2ead8", 0.49, (19.0, 15.5, 11.0)),
+    "bulb": _plain("glass", "#fff1d6", 0.49, (60.0, 46.0, 30.0)),
+    "hood_light": _plain("glass", "#efe6d6", 0.49, (22.0, 19.0, 14.5)),
 }
 
 #: All roles for which a palette has a material.

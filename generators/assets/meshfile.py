@@ -402,8 +402,10 @@ def _material(file: Path, source: Any, name: str, gltf: bool, acoustic: str) -> 
         except (OSError, SyntaxError, ValueError) as error:
             raise Avs3dError(f"{file}: the texture of material {title!r} cannot be decoded ({error})") from error
     metallic = getattr(source, "metallicFactor", None) if gltf else None
-    gloss = 0.6 if texture is None and metallic is not None and float(metallic) > 0.5 else 0.2
-    return Material(title, _sounds_like(f"{title} {name}", acoustic), colour=colour, texture=texture, gloss=gloss)
+    roughness = 0.16 if texture is None and metallic is not None and float(metallic) > 0.5 else 0.64
+    return Material(
+        title, _sounds_like(f"{title} {name}", acoustic), colour=colour, texture=texture, roughness=roughness
+    )
 
 
 def _shaded(colours: Array, triangles: Array, name: str, gltf: bool) -> tuple[Texture, Array]:

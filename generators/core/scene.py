@@ -32,21 +32,25 @@ class Texture:
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """Optical and acoustic properties of a face.
+    """Optical and acoustic properties of a face; the optical ones are glTF 2.0's metallic–roughness model.
 
     Attributes:
         name: e.g. ``oak``, ``white_tiles``.
         acoustic: label of an acoustic material (see generators/acoustics/materials.py).
-        colour: linear-light albedo in [0, 1], multiplied with the texture.
+        colour: base colour in linear light, [0, 1], multiplied with the texture: the albedo, or of metals what they
+            reflect at normal incidence.
         texture: optional; sampled at the mesh's uv.
         emission: radiance (3,) in the scene's light unit; lamps and window panes.
-        gloss: 1 − the root of glTF's roughness. 0 = matte; towards 1 the bake gathers light from a narrower lobe about
-            the normal (metal, enamel, glass).
-        metal: what bare metal reflects at normal incidence, linear RGB; None if it is painted, or no metal. Only
-            renderers that trace reflections use it, in place of colour and texture.
         shown: if set, the camera sees ``texture`` × ``shown`` here, independent of light and exposure. It is for the
             view behind a window pane, whose radiance is far beyond the range of a picture; interior photographers
             expose it separately.
+        roughness: glTF's, the root of the microfacet model's α (GGX); 1 = matte.
+        metallic: 1 = metal, 0 = dielectric with an index of refraction of 1.5.
+        normal_map: optional; tangent space of ``uv``, green up, not sRGB (glTF 2.0, 3.9.3).
+        roughness_map: optional; green × ``roughness``, blue × ``metallic``, not sRGB.
+        transmission: share of the light that enters and goes through, as through a thin pane
+            (KHR_materials_transmission).
+        clearcoat: strength of a clear layer over the material, of roughness 0 (KHR_materials_clearcoat).
     """
 
     name: str
@@ -54,9 +58,18 @@ class Material:
     colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
     texture: Texture | None = None
     emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    gloss: float = 0.0
     shown: tuple[float, float, float] | None = None
-    metal: tuple[float, float, float] | None = None
+    roughness: float = 1.0
+    metallic: float = 0.0
+    normal_map: Texture | None = None
+    roughness_map: Texture | None = None
+    transmission: float = 0.0
+    clearcoat: float = 0.0
+
+    @property
+    def gloss(self) -> float:
+        """1 − the root of the roughness."""
+        return 1.0 - float(np.sqrt(self.roughness))
 
 
 @dataclass(frozen=True, eq=False)

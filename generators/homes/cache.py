@@ -31,8 +31,11 @@ from generators.core.rays import TRACERS
 from generators.core.scene import Licence, LightMap, Material, Mesh, Part, Room, Scene, Support, Texture
 
 #: Version of the file layout; increase it when the layout changes.
-FORMAT = 2
+FORMAT = 3
 INDEX = "index.json"
+#: Attributes of a material that are textures, and that are numbers.
+_MAPS = ("texture", "normal_map", "roughness_map")
+_NUMBERS = ("roughness", "metallic", "transmission", "clearcoat")
 #: Age (s) after which unfinished folders of dead processes are deleted.
 _STALE = 86400.0
 #: Array files: dtype and shape of one row.
@@ -250,22 +253,21 @@ def _pack_materials(
     for material in (each for part in scene.parts for each in part.mesh.materials):
         if id(material) in numbers:
             continue
-        texture = material.texture
-        if texture is not None and id(texture) not in textures:
-            textures[id(texture)] = len(described)
-            described.append({"name": texture.name, "shape": list(texture.pixels.shape[:2])})
-            pixels.append(texture.pixels)
+        for texture in (getattr(material, name) for name in _MAPS):
+            if texture is not None and id(texture) not in textures:
+                textures[id(texture)] = len(described)
+                described.append({"name": texture.name, "shape": list(texture.pixels.shape[:2])})
+                pixels.append(texture.pixels)
         numbers[id(material)] = len(materials)
         materials.append(
             {
                 "name": material.name,
                 "acoustic": material.acoustic,
                 "colour": _floats(material.colour),
-                "texture": None if texture is None else textures[id(texture)],
                 "emission": _floats(material.emission),
-                "gloss": float(material.gloss),
                 "shown": None if material.shown is None else _floats(material.shown),
-                "metal": None if material.metal is None else _floats(material.metal),
+                **{name: None if (map_ := getattr(material, name)) is None else textures[id(map_)] for name in _MAPS},
+                **{name: float(getattr(material, name)) for name in _NUMBERS},
             }
         )
     return numbers, materials, described, pixels
@@ -326,11 +328,10 @@ def _unpack(arrays: dict[str, NDArray[Any]], index: dict[str, Any]) -> Scene:
             name=m["name"],
             acoustic=m["acoustic"],
             colour=tuple(m["colour"]),
-            texture=None if m["texture"] is None else textures[m["texture"]],
             emission=tuple(m["emission"]),
-            gloss=m["gloss"],
             shown=None if m["shown"] is None else tuple(m["shown"]),
-            metal=None if m["metal"] is None else tuple(m["metal"]),
+            **{name: None if m[name] is None else textures[m[name]] for name in _MAPS},  # type: ignore[arg-type]
+            **{name: m[name] for name in _NUMBERS},
         )
         for m in index["materials"]
     ]

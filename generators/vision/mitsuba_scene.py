@@ -8,7 +8,7 @@ in memory:
 - A material with `Material.gloss` reflects, as ``lobe``, a lobe about the normal whatever the direction it is seen from
   (generators/lighting/form_factors.py); `NormalLobe` is this model, and needs a vectorised variant (``llvm_ad_rgb``).
   As ``physical`` it is the microfacet model of glTF and of Burley, "Physically-based shading at Disney" (SIGGRAPH 2012
-  courses), with the roughness (1 − gloss)²: Mitsuba's ``principled``.
+  courses), with its roughness and metallic: Mitsuba's ``principled``.
 - A face that emits becomes an area light that shines from its front.
 - The texture of a scan is light already: as ``physical`` its faces emit the colour of their middle, in steps of a
   `STEPS`-th of a stop, and reflect nothing. Nothing emits a texture, because Mitsuba then traces rays inside of each
@@ -245,17 +245,15 @@ class MitsubaScene:
 
     def _bsdf(self, material: Material) -> Any:
         gloss = 0.0 if self._look == "matte" else material.gloss
-        key = (id(material.texture), material.colour, gloss, material.metal)
+        key = (id(material.texture), material.colour, gloss, material.metallic)
         if key not in self._bsdfs:
             colour = self._reflectance(material)
             inner: dict[str, Any] = {"type": "diffuse", "reflectance": colour}
             if gloss > 0 and self._look == "lobe":
                 inner = {"type": self._lobe, "gloss": gloss, "reflectance": colour}
             elif gloss > 0:
-                if material.metal is not None:
-                    colour = {"type": "rgb", "value": list(material.metal)}
-                inner = {"type": "principled", "base_color": colour, "roughness": max((1.0 - gloss) ** 2, SMOOTHEST)}
-                inner["metallic"] = float(material.metal is not None)
+                inner = {"type": "principled", "base_color": colour, "metallic": material.metallic}
+                inner["roughness"] = max(material.roughness, SMOOTHEST)
             self._bsdfs[key] = self._mi.load_dict({"type": "twosided", "bsdf": inner})
         return self._bsdfs[key]
 
@@ -295,7 +293,7 @@ class MitsubaScene:
                     kinds = [(replace(black, emission=radiance), faces[own]) for radiance, own in _alike(light)]
                 for kind, own in kinds:
                     is_lamp = not is_picture and max(kind.emission) > 0
-                    look = id(kind.texture), kind.colour, kind.gloss, kind.emission, kind.metal
+                    look = id(kind.texture), kind.colour, kind.gloss, kind.emission, kind.metallic
                     piece = mesh.positions[own], mesh.normals[own], mesh.uv[own]
                     if len(own):
                         found.setdefault((*look, number if is_lamp else -1), (kind, []))[1].append(piece)

@@ -95,7 +95,7 @@ def test_faces_are_sorted_by_what_they_are_part_of() -> None:
     names = [CLASSES[label] if label >= 0 else "" for label in labels]
     assert names[:12] == ["floor"] * 2 + ["ceiling"] * 2 + ["walls"] * 8
     assert names[12:] == ["furniture"] * 12 + ["objects"] * 12 + [""] * 2
-    glossy = Part("g", MeshBuilder().box((1, 1, 1), (0, 0, 0), matte(0.5, gloss=0.4)).build())
+    glossy = Part("g", MeshBuilder().box((1, 1, 1), (0, 0, 0), matte(0.5, roughness=0.36)).build())
     assert without_gloss(Scene("t", (glossy,), (), ())).parts[0].mesh.materials[0].gloss == 0.0
 
 

@@ -37,7 +37,7 @@ def test_every_role_has_a_material_that_is_bright_and_labelled_like_a_real_one(p
         material = palette.material(role)
         assert material.name == role
         assert material.acoustic in LABELS, role
-        assert 0 <= material.gloss <= 0.9
+        assert 0 < material.roughness <= 1
         colour = np.array(material.colour)
         if material.texture is not None:
             colour = colour * to_linear(material.texture.pixels / 255).mean(axis=(0, 1))
@@ -138,8 +138,10 @@ def test_lamps_shine_and_other_things_do_not(palette: Palette) -> None:
 
 
 def test_metals_and_glass_are_glossy(palette: Palette) -> None:
-    assert palette.material("chrome").gloss == pytest.approx(0.75)
-    assert all(palette.material(r).gloss > 0.2 for r in ("metal", "tap", "chrome", "steel", "glass", "black_glass"))
+    assert palette.material("chrome").roughness == pytest.approx(0.06)
+    assert all(
+        palette.material(r).roughness < 0.64 for r in ("metal", "tap", "chrome", "steel", "glass", "black_glass")
+    )
 
 
 def test_every_tile_entry_names_a_role_and_every_repeating_texture_has_a_size(palette: Palette) -> None:

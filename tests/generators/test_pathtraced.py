@@ -84,7 +84,7 @@ def test_polished_metal_shows_what_it_reflects(
     """A plate before the camera, and a lamp that fills the half space behind the camera."""
     glow = Material("glow", "plaster", (0.0, 0.0, 0.0), emission=(0.5, 0.5, 0.5))
     lamp = MeshBuilder().quad([(-300, -300, 5), (-300, 300, 5), (300, 300, 5), (300, -300, 5)], glow).build()
-    front = Material("plate", "metal", (0.0, 0.0, 0.0), gloss=0.95, metal=metal)
+    front = Material("plate", "metal", metal or (0.0, 0.0, 0.0), roughness=0.0, metallic=float(metal is not None))
     found = picture(backend, scene_of(plate(front, 1.0).mesh, lamp), AHEAD)
     # Metal has its tint as reflectance at normal incidence; a dielectric of index 1.5 has 4 % (Fresnel).
     expected = develop(0.5 * np.asarray(metal or (0.04, 0.04, 0.04)))
@@ -95,7 +95,13 @@ def test_a_window_shows_the_radiance_that_lights_the_room(backend: pathtraced.Pa
     pixels = np.zeros((8, 8, 3), np.uint8)
     pixels[:4], pixels[4:] = 255, 60
     pane = Material(
-        "sky_0", "glass", (0.04,) * 3, Texture("view", pixels), emission=(0.4, 0.4, 0.4), gloss=0.9, shown=(2.3,) * 3
+        "sky_0",
+        "glass",
+        (0.04,) * 3,
+        Texture("view", pixels),
+        emission=(0.4, 0.4, 0.4),
+        roughness=0.01,
+        shown=(2.3,) * 3,
     )
     found = picture(backend, scene_of(plate(pane, 3.0).mesh), AHEAD)
     bright, dark = found[4].mean(), found[-4].mean()

@@ -35,7 +35,7 @@ def _hands(b: MeshBuilder, centre: tuple[float, float, float], radius: float, in
 
 
 def _dial(b: MeshBuilder, centre: tuple[float, float, float], radius: float, pixels: np.ndarray) -> None:
-    b.disc(radius, centre, "z", printed("dial", pixels, acoustic="paper", gloss=0.2), segments=64)
+    b.disc(radius, centre, "z", printed("dial", pixels, acoustic="paper", roughness=0.64), segments=64)
 
 
 def _rim(
@@ -48,7 +48,7 @@ def _station(rng: Generator) -> Design:
     """A wall clock in the style of railway stations: bars instead of minute numerals, bold figures."""
     b = MeshBuilder()
     radius = 0.19
-    case = plastic("rim", choose(rng, "#1d1e20", "#9d2323", "#29465c", "#3c4a3e"), gloss=0.5)
+    case = plastic("rim", choose(rng, "#1d1e20", "#9d2323", "#29465c", "#3c4a3e"), roughness=0.25)
     b.cylinder(radius, 0.032, (0, 0, 0.016), case, axis="z", segments=64)
     _rim(
         b,
@@ -92,7 +92,7 @@ def _square(rng: Generator) -> Design:
     b = MeshBuilder()
     side = 0.30
     tone = choose(rng, "#202124", "#e8e6e0", "#37586b")
-    frame = plastic("frame", tone, gloss=0.4)
+    frame = plastic("frame", tone, roughness=0.36)
     b.slab((side, side, 0.045), (0, side / 2, 0.0225), frame, corner=0.03, bevel=0.010, acoustic=True)
     dark = tone != "#e8e6e0"
     pixels = decals.clock_face(

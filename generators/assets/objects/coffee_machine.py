@@ -45,7 +45,7 @@ def _cup(b: MeshBuilder, x: float, y: float, z: float, scale: float, material: M
         segments=28,
         acoustic=False,
     )
-    coffee = paint("coffee", "water", "#3a2113", gloss=0.5)
+    coffee = paint("coffee", "water", "#3a2113", roughness=0.25)
     b.cylinder(0.485 * s, 0.004, (x, y + 0.80 * s, z), coffee, segments=24, acoustic=False)
     t = np.linspace(-np.pi / 2, np.pi / 2, 9)
     loop = np.stack([x + 0.47 * s + 0.26 * s * np.cos(t), y + 0.56 * s + 0.24 * s * np.sin(t), np.full(9, z)], axis=1)
@@ -154,7 +154,7 @@ def _filter(rng: Generator) -> Design:
     """A drip machine: water tank behind, filter basket above, a glass jug of coffee on the hotplate."""
     b = MeshBuilder()
     tone = choose(rng, "#232427", "#eceae4", "#8c1f22")
-    body = plastic("body", tone, gloss=0.4)
+    body = plastic("body", tone, roughness=0.36)
     accent = chrome("band")
     outline = rounded_rectangle(0.21, 0.27, 0.06)
 
@@ -171,7 +171,7 @@ def _filter(rng: Generator) -> Design:
     stack([(1.004, 0.246), (1.004, 0.252)], accent)
     zc = 0.042
     b.cylinder(
-        0.078, 0.006, (0, 0.046, zc), paint("hotplate", "metal", "#2d2e30", gloss=0.4), segments=40, acoustic=False
+        0.078, 0.006, (0, 0.046, zc), paint("hotplate", "metal", "#2d2e30", roughness=0.36), segments=40, acoustic=False
     )
     b.cylinder(0.060, 0.030, (0, 0.226, zc), body, segments=36, top_radius=0.075, acoustic=False)
     _jug(b, zc, accent)
@@ -240,7 +240,7 @@ def _capsule(rng: Generator) -> Design:
     """A capsule machine: a slim arched body with a lever, a spout and a cup on its stand."""
     b = MeshBuilder()
     tone = choose(rng, "#b8262b", "#26282b", "#ece9e2", "#2d6a6a")
-    body, dark = plastic("body", tone, gloss=0.6), plastic("black", "#191a1c")
+    body, dark = plastic("body", tone, roughness=0.16), plastic("black", "#191a1c")
     metal = chrome()
     width = 0.125
     profile = _arched_side()

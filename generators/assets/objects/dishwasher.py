@@ -149,7 +149,7 @@ def _slim_steel(rng: Generator) -> Design:
     """Brushed steel, 45 cm wide, a black fascia, and a bar across the door."""
     b = MeshBuilder({"steel": 0.25})
     steel = brushed_steel("steel", rng, "#b6b9bb")
-    body, strip = enamel("body", "#8f9397"), plastic("strip", "#1b1d1f", gloss=0.5)
+    body, strip = enamel("body", "#8f9397"), plastic("strip", "#1b1d1f", roughness=0.25)
     one = Cabinet((0.45, 0.84, 0.58), body, steel, strip, 0.10, 0.10, chrome("handle"))
     y, z = add_cabinet(b, one)
     size = (one.size[0] - 0.028, one.tall - 0.016)

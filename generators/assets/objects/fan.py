@@ -134,9 +134,9 @@ def _desk(rng: Generator) -> Design:
     """A small fan for a table, in one of three colours."""
     b = MeshBuilder()
     tone = choose(rng, "#e9e8e2", "#7fa8a4", "#2a2c2f")
-    body = plastic("body", tone, gloss=0.5)
+    body = plastic("body", tone, roughness=0.25)
     head = Head(
-        0.15, 3, 26, 6, float(rng.uniform(0, 120)), chrome("wire"), plastic("blade", "#8fa3ad", gloss=0.6), body
+        0.15, 3, 26, 6, float(rng.uniform(0, 120)), chrome("wire"), plastic("blade", "#8fa3ad", roughness=0.16), body
     )
     y, z = 0.275, 0.035
     add_foot(b, 0.105, 0.045, body, scale=0.86)
@@ -164,8 +164,8 @@ def _pedestal(rng: Generator) -> Design:
     """A fan on a pole with a round foot."""
     b = MeshBuilder()
     tone = choose(rng, "#232427", "#eceae4")
-    body, pole = plastic("body", tone, gloss=0.4), enamel("pole", "#b9bcbe")
-    blade = plastic("blade", "#4e555a" if tone == "#232427" else "#a9c3cf", gloss=0.6)
+    body, pole = plastic("body", tone, roughness=0.36), enamel("pole", "#b9bcbe")
+    blade = plastic("blade", "#4e555a" if tone == "#232427" else "#a9c3cf", roughness=0.16)
     head = Head(0.20, 5, 30, 7, float(rng.uniform(0, 72)), enamel("wire", tone), blade, body)
     y, z = 1.12, 0.06
     add_foot(b, 0.20, 0.035, body)

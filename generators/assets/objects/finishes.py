@@ -1,20 +1,18 @@
 """Materials of household goods: enamel, plastics, chrome, steel, glass, ceramic, rubber, wood, and printed faces.
 
-Light is baked into the scene and does not depend on the view, so reflections of polished surfaces are painted: metal
-has a texture of a room's reflection, looked up by its normals (see `mirrored`), dark glass a pale sheen. Colours are
-given as sRGB and stored linear. Plain finishes are cached, because a mesh distinguishes its materials by identity.
+Colours are given as sRGB and stored linear. Plain finishes are cached, because a mesh distinguishes its materials by
+identity.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from generators.core.scene import Material, Mesh, Texture
+from generators.core.scene import Material, Texture
 
 Pixels = NDArray[np.uint8]
 Array = NDArray[np.float64]
@@ -23,8 +21,6 @@ Colour = tuple[float, float, float]
 #: Part of the specular reflection that is added to the diffuse albedo. Smooth dielectrics reflect 4 % at normal
 #: incidence (Fresnel, n = 1.5), more at other angles; without it, black plastic would look like a hole.
 SHEEN = 0.022
-#: Prefix of the texture names that `mirrored` recognises.
-_MIRROR = "mirror:"
 
 
 def hex_rgb(srgb: str) -> Array:
@@ -58,37 +54,37 @@ def choose(rng: Generator, *options: str) -> str:
 @cache
 def enamel(name: str, srgb: str) -> Material:
     """Painted or enamelled sheet steel."""
-    return Material(name, "metal", linear(srgb, SHEEN), gloss=0.5)
+    return Material(name, "metal", linear(srgb, SHEEN), roughness=0.25)
 
 
 @cache
-def plastic(name: str, srgb: str, *, gloss: float = 0.3) -> Material:
+def plastic(name: str, srgb: str, *, roughness: float = 0.49) -> Material:
     """Moulded plastic."""
-    return Material(name, "plastic", linear(srgb, SHEEN), gloss=gloss)
+    return Material(name, "plastic", linear(srgb, SHEEN), roughness=roughness)
 
 
 @cache
 def rubber(name: str = "rubber", srgb: str = "#2b2c2e") -> Material:
     """Rubber (feet, gaskets, tyres, hoses); sounds like plastic."""
-    return Material(name, "plastic", linear(srgb, SHEEN / 2), gloss=0.05)
+    return Material(name, "plastic", linear(srgb, SHEEN / 2), roughness=0.9)
 
 
 @cache
 def ceramic(name: str = "ceramic", srgb: str = "#f3f3ef") -> Material:
     """Glazed sanitary ware and china."""
-    return Material(name, "ceramic", linear(srgb), gloss=0.6)
+    return Material(name, "ceramic", linear(srgb), roughness=0.16)
 
 
 @cache
 def glass(name: str = "dark_glass", srgb: str = "#15181b") -> Material:
     """Glass in front of something dark."""
-    return Material(name, "glass", linear(srgb, SHEEN), gloss=0.8)
+    return Material(name, "glass", linear(srgb, SHEEN), roughness=0.04)
 
 
 @cache
-def paint(name: str, acoustic: str, srgb: str, *, gloss: float = 0.2) -> Material:
+def paint(name: str, acoustic: str, srgb: str, *, roughness: float = 0.64) -> Material:
     """Any other plain material."""
-    return Material(name, acoustic, linear(srgb), gloss=gloss)
+    return Material(name, acoustic, linear(srgb), roughness=roughness)
 
 
 @cache
@@ -98,41 +94,16 @@ def lamp(name: str, srgb: str, radiance: float) -> Material:
     return Material(name, "plastic", (r, g, b), emission=(r * radiance, g * radiance, b * radiance))
 
 
-def printed(name: str, pixels: Pixels, *, acoustic: str = "plastic", gloss: float = 0.3) -> Material:
+def printed(name: str, pixels: Pixels, *, acoustic: str = "plastic", roughness: float = 0.49) -> Material:
     """A face with a picture on it, for quads and discs that fit the texture once; its sheen is that of plastic."""
     levels = to_srgb(SHEEN + (1 - SHEEN) * to_linear(np.arange(256, dtype=np.float64)))
-    return Material(name, acoustic, texture=Texture(name, levels[pixels]), gloss=gloss)
-
-
-@cache
-def _room_reflection(tint: str) -> Texture:
-    """A polished ball in a room seen from the front (128²): floor, dark horizon, walls, ceiling, a window at left."""
-    size = 128
-    y, x = np.mgrid[0:size, 0:size]
-    nx, ny = (x + 0.5) / size * 2 - 1, 1 - (y + 0.5) / size * 2
-    at = [-1.0, -0.7, -0.4, -0.2, -0.1, 0.0, 0.15, 0.38, 0.55, 0.75, 1.0]
-    value = [0.28, 0.36, 0.40, 0.16, 0.20, 0.50, 0.60, 0.88, 0.82, 0.66, 0.78]
-    light = np.interp(ny, at, value)
-    light *= 1 - 0.45 * np.clip((np.abs(nx) - 0.62) / 0.38, 0, 1) ** 1.5
-    window = np.exp(-(((nx + 0.42) / 0.20) ** 4) - (((ny - 0.26) / 0.24) ** 4))
-    light = light + (0.97 - light) * window
-    return Texture(f"{_MIRROR}{tint}", to_srgb(light[..., None] * to_linear(hex_rgb(tint))))
+    return Material(name, acoustic, texture=Texture(name, levels[pixels]), roughness=roughness)
 
 
 @cache
 def chrome(name: str = "chrome", tint: str = "#fbfcfd") -> Material:
-    """Polished metal (``tint``: brass, copper …); `mirrored` must be applied to the finished mesh."""
-    return Material(name, "metal", texture=_room_reflection(tint), gloss=0.9, metal=linear(tint))
-
-
-def mirrored(mesh: Mesh) -> Mesh:
-    """The mesh with polished faces looked up by their shading normals: u, v = (1 + n_x)/2, (1 + n_y)/2."""
-    shiny = [m.texture is not None and m.texture.name.startswith(_MIRROR) for m in mesh.materials]
-    faces = np.asarray(shiny)[mesh.face_material]
-    uv = mesh.uv.copy()
-    # 0.49: half a texel inside, because textures repeat.
-    uv[faces] = 0.5 + 0.49 * mesh.normals[faces][..., :2]
-    return replace(mesh, uv=uv)
+    """Polished metal (``tint``: brass, copper …)."""
+    return Material(name, "metal", linear(tint), roughness=0.01, metallic=1.0)
 
 
 def brushed_steel(name: str, rng: Generator, srgb: str = "#b9bcbe", *, contrast: float = 7.0) -> Material:
@@ -140,7 +111,7 @@ def brushed_steel(name: str, rng: Generator, srgb: str = "#b9bcbe", *, contrast:
     streaks = rng.normal(size=(256, 1)) * contrast * 0.6 + rng.normal(size=(256, 64)) * contrast * 0.25
     smooth = (streaks + np.roll(streaks, 1, axis=1) + np.roll(streaks, -1, axis=1)) / 3
     pixels = np.clip(np.round(hex_rgb(srgb) + smooth[..., None]), 0, 255).astype(np.uint8)
-    return Material(name, "metal", texture=Texture(name, pixels), gloss=0.6, metal=linear(srgb))
+    return Material(name, "metal", texture=Texture(name, pixels), roughness=0.16, metallic=1.0)
 
 
 def wood(name: str, rng: Generator, srgb: str = "#6b4326") -> Material:
@@ -152,4 +123,4 @@ def wood(name: str, rng: Generator, srgb: str = "#6b4326") -> Material:
     pores = rng.normal(size=(256, 1)) * 0.25 + rng.normal(size=(256, 256)) * 0.05
     shade = 1.0 + 0.13 * (rings + pores)
     pixels = np.clip(np.round(hex_rgb(srgb) * shade[..., None]), 0, 255).astype(np.uint8)
-    return Material(name, "wood", texture=Texture(name, pixels), gloss=0.45)
+    return Material(name, "wood", texture=Texture(name, pixels), roughness=0.3)

@@ -124,7 +124,7 @@ def _gauge(b: MeshBuilder, one: Jug, low: float, high: float) -> None:
         canvas.text((43, 30 + 74 * k), label, 15, "#eef2f3")
     w, h = 0.008, long / 2 - 0.008
     corners = [at + turn @ [sx * w, sy * h, 0.0034] for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-    b.quad(corners, printed("level", canvas.pixels(), acoustic="glass", gloss=0.8), fit=True, acoustic=False)
+    b.quad(corners, printed("level", canvas.pixels(), acoustic="glass", roughness=0.04), fit=True, acoustic=False)
     b.cylinder(
         0.005,
         0.004,
@@ -242,7 +242,7 @@ def _jug(rng: Generator) -> Design:
     """A jug of brushed steel with black or white parts."""
     b = MeshBuilder({"steel": 0.3})
     steel = brushed_steel("steel", rng, "#c2c5c7")
-    trim = plastic("trim", choose(rng, "#1c1d1f", "#ecebe6"), gloss=0.5)
+    trim = plastic("trim", choose(rng, "#1c1d1f", "#ecebe6"), roughness=0.25)
     add_jug(b, Jug(0.078, 0.058, 0.245, 0.004, steel, trim, chrome("accent")))
     mesh = b.build()
     return Design(mesh, "surface", before_front(mesh, 0.5))
@@ -252,7 +252,9 @@ def _whistling(rng: Generator) -> Design:
     """An enamelled kettle for the hob, with a wooden grip."""
     b = MeshBuilder()
     tone = choose(rng, "#b3302b", "#2d5d73", "#efe9da", "#2b4a38")
-    one = Whistler(0.105, 0.135, 2.3, 0.085, enamel("enamel", tone), chrome(), plastic("grip", "#2a1c14", gloss=0.4))
+    one = Whistler(
+        0.105, 0.135, 2.3, 0.085, enamel("enamel", tone), chrome(), plastic("grip", "#2a1c14", roughness=0.36)
+    )
     add_whistler(b, one)
     ink, ground = ("#5a3a2a", "#f3efe4") if tone == "#efe9da" else ("#f3efe4", tone)
     badge(b, "1924", 0.022, (0.0, 0.062, 0.107), ground, ink)

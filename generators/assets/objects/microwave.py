@@ -56,7 +56,7 @@ def _window(b: MeshBuilder, frame: Material, z: float, *, rim: float = 0.022) ->
         (x + w, y + h, z + 0.0248),
         (x - w, y + h, z + 0.0248),
     ]
-    b.quad(corners, printed("mesh_window", texture, acoustic="glass", gloss=0.8), fit=True, acoustic=False)
+    b.quad(corners, printed("mesh_window", texture, acoustic="glass", roughness=0.04), fit=True, acoustic=False)
     return left, right
 
 

@@ -60,7 +60,7 @@ def _mini_oven(rng: Generator, case: Material, front: Material, background: str,
     b.slab((width, height, 0.020), (x, y, z + 0.010), front, corner=0.008, bevel=0.004)
     w, low, high = width / 2 - 0.020, y - height / 2 + 0.022, y + height / 2 - 0.052
     corners = [(x - w, low, z + 0.0208), (x + w, low, z + 0.0208), (x + w, high, z + 0.0208), (x - w, high, z + 0.0208)]
-    b.quad(corners, printed("oven_window", _window(), acoustic="glass", gloss=0.8), fit=True, acoustic=False)
+    b.quad(corners, printed("oven_window", _window(), acoustic="glass", roughness=0.04), fit=True, acoustic=False)
     bar_y = y + height / 2 - 0.026
     bar = [(x - w + 0.02, bar_y, z + 0.018), (x - w + 0.02, bar_y, z + 0.048), (x - w + 0.032, bar_y, z + 0.054)]
     bar += [(-p[0] + 2 * x, p[1], p[2]) for p in reversed(bar)]

@@ -80,7 +80,7 @@ def face(
     corners = [(x + sx * w, y + sy * h, z) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     b.quad(
         corners,
-        printed(name, pixels, acoustic=acoustic, gloss=0.1 if acoustic == "fabric" else 0.4),
+        printed(name, pixels, acoustic=acoustic, roughness=0.81 if acoustic == "fabric" else 0.36),
         fit=True,
         acoustic=False,
     )
@@ -155,7 +155,7 @@ def _wooden(rng: Generator) -> Design:
             mid - 0.034,
             z - 0.001,
             0.020,
-            plastic("knob", "#3a2a1e", gloss=0.5),
+            plastic("knob", "#3a2a1e", roughness=0.25),
             brass,
             float(rng.uniform(-130, 130)),
         )
@@ -169,12 +169,12 @@ def _portable(rng: Generator) -> Design:
     w, h, d = 0.27, 0.155, 0.075
     tone = choose(rng, "#26282b", "#a83530", "#dfe0dc", "#3f6b62")
     pale = tone == "#dfe0dc"
-    b.box((w, h, d), (0, h / 2, 0), plastic("case", tone, gloss=0.4), bevel=0.014, segments=3)
+    b.box((w, h, d), (0, h / 2, 0), plastic("case", tone, roughness=0.36), bevel=0.014, segments=3)
     z, metal = d / 2, chrome()
     b.slab(
         (w - 0.016, h - 0.018, 0.006),
         (0, h / 2, z),
-        plastic("front", "#c9ccce" if not pale else "#3b3f42", gloss=0.5),
+        plastic("front", "#c9ccce" if not pale else "#3b3f42", roughness=0.25),
         corner=0.012,
         bevel=0.003,
     )
@@ -189,7 +189,16 @@ def _portable(rng: Generator) -> Design:
         (0.062, h / 2 + 0.030, z + 0.0006),
         (0.116, 0.052),
     )
-    dial(b, 0.100, h / 2 - 0.036, z, 0.021, plastic("knob", "#1c1d1f", gloss=0.5), metal, float(rng.uniform(-130, 130)))
+    dial(
+        b,
+        0.100,
+        h / 2 - 0.036,
+        z,
+        0.021,
+        plastic("knob", "#1c1d1f", roughness=0.25),
+        metal,
+        float(rng.uniform(-130, 130)),
+    )
     for k in range(3):
         b.slab(
             (0.022, 0.012, 0.006),

@@ -105,7 +105,7 @@ def _desk(rng: Generator) -> Design:
     """A push-button desk set: handset on the left, display and keys on the right, coil cord."""
     b = MeshBuilder()
     dark = choose(rng, "#2a2c30", "#e6e3da", "#7c1f22")
-    body = plastic("body", dark, gloss=0.4)
+    body = plastic("body", dark, roughness=0.36)
     pale = dark == "#e6e3da"
     width, depth = 0.215, 0.225
     slope = _wedge(b, width, depth, 0.035, 0.088, body)
@@ -149,7 +149,7 @@ def _rotary(rng: Generator) -> Design:
     """The classic set: a flared case, a dial with ten finger holes, the handset across a raised cradle."""
     b = MeshBuilder()
     tone = choose(rng, "#1c1c1e", "#8f1d1f", "#e9e2cf", "#2f5d50")
-    body = plastic("bakelite", tone, gloss=0.6)
+    body = plastic("bakelite", tone, roughness=0.16)
     _flared_case(b, body)
     for x in (-0.052, 0.052):
         b.slab((0.020, 0.050, 0.034), (x, 0.128, -0.044), body, corner=0.008, bevel=0.004, rotate=rotation("x", -90))
@@ -247,7 +247,7 @@ def _cordless(rng: Generator) -> Design:
     b = MeshBuilder()
     tone = choose(rng, DARK, "#eceae6")
     dark = tone == DARK
-    body, trim = plastic("body", tone, gloss=0.5), chrome("trim")
+    body, trim = plastic("body", tone, roughness=0.25), chrome("trim")
     slope = _wedge(b, 0.190, 0.135, 0.026, 0.060, body)
     lean = rotation("x", -14)
     foot = np.array([-0.042, 0.050, -0.012])
@@ -267,7 +267,7 @@ def _cordless(rng: Generator) -> Design:
     canvas.text((200, 226), "CALL", 32, "#163642")
     w, h = 0.0205, 0.0225
     lcd = [on_set(sx * w, 0.136 + sy * h, 0.0106) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-    b.quad(lcd, printed("lcd", canvas.pixels(), gloss=0.5), fit=True, acoustic=False)
+    b.quad(lcd, printed("lcd", canvas.pixels(), roughness=0.25), fit=True, acoustic=False)
     b.slab(
         (0.022, 0.003, 0.002),
         on_set(0, 0.172, 0.0105),

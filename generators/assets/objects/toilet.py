@@ -31,7 +31,7 @@ def _bowl(b: MeshBuilder, outer: list[Array], rim: tuple[float, float, float], z
         inside = egg((half - 0.04) * part, (front - 0.04) * part, (back - 0.04) * part)
         loops.append(level(_shifted(inside, z), y))
     b.loft(np.array(loops), material, acoustic=True)
-    water = paint("water", "water", "#9fb4bd", gloss=0.9)
+    water = paint("water", "water", "#9fb4bd", roughness=0.01)
     loop = level(_shifted(egg((half - 0.04) * 0.56, (front - 0.04) * 0.56, (back - 0.04) * 0.56), z), RIM - 0.168)
     b.loft(np.array([loop, loop + np.array([0, 0.001, 0])]), water, acoustic=False)
 
@@ -64,7 +64,7 @@ def _lid(b: MeshBuilder, rim: tuple[float, float, float], z: float, material: Ma
 def _close_coupled(rng: Generator) -> Design:
     """Cistern on the bowl, lid up."""
     b = MeshBuilder()
-    white, seat = ceramic(), plastic("seat", "#f4f4f1", gloss=0.5)
+    white, seat = ceramic(), plastic("seat", "#f4f4f1", roughness=0.25)
     rim, z = (0.182, 0.27, 0.20), 0.10
     heights = [0.0, 0.012, 0.05, 0.16, 0.25, 0.31, 0.355, 0.385, RIM]
     halves = [0.112, 0.115, 0.105, 0.098, 0.115, 0.15, 0.176, 0.183, 0.182]
@@ -95,7 +95,7 @@ def _flush_button(b: MeshBuilder, at: tuple[float, float, float]) -> None:
 def _skirted(rng: Generator) -> Design:
     """A smooth floor-standing pan with a slim cistern, lid closed."""
     b = MeshBuilder()
-    white, seat = ceramic("ceramic", "#f1f0ec"), plastic("seat", "#f3f3f0", gloss=0.5)
+    white, seat = ceramic("ceramic", "#f1f0ec"), plastic("seat", "#f3f3f0", roughness=0.25)
     rim, z = (0.180, 0.265, 0.19), 0.07
     outer = []
     for half, front, back, y in (
@@ -120,8 +120,8 @@ def _skirted(rng: Generator) -> Design:
 def _wall_hung(rng: Generator) -> Design:
     """A pan hung on a tiled panel that hides the cistern, with a flush plate; lid up."""
     b = MeshBuilder()
-    white, seat = ceramic("ceramic", "#f6f6f3"), plastic("seat", "#f5f5f2", gloss=0.5)
-    panel = paint("panel", "tile", "#8f979b", gloss=0.3)
+    white, seat = ceramic("ceramic", "#f6f6f3"), plastic("seat", "#f5f5f2", roughness=0.25)
+    panel = paint("panel", "tile", "#8f979b", roughness=0.49)
     b.box((0.62, 1.12, 0.13), (0, 0.56, -0.30), panel, bevel=0.004)
     b.box((0.635, 0.022, 0.145), (0, 1.131, -0.295), paint("panel_top", "tile", "#e9e7e2"), bevel=0.004, acoustic=False)
     joint = paint("joint", "tile", "#6f777b")
@@ -143,7 +143,7 @@ def _wall_hung(rng: Generator) -> Design:
     _bowl(b, outer, rim, z, white)
     _seat(b, rim, z, seat)
     _lid(b, rim, z, seat, 92.0)
-    b.slab((0.246, 0.164, 0.012), (0, 1.00, -0.229), plastic("plate", "#f4f4f2", gloss=0.5), corner=0.012)
+    b.slab((0.246, 0.164, 0.012), (0, 1.00, -0.229), plastic("plate", "#f4f4f2", roughness=0.25), corner=0.012)
     for x, size in ((-0.052, 0.115), (0.066, 0.075)):
         b.slab((size, 0.12, 0.008), (x, 1.00, -0.2205), chrome("flush_key"), corner=0.006, bevel=0.003)
     return Design(b.build(), "floor", (0.0, RIM + 0.045, z + rim[1] - 0.03))

@@ -65,7 +65,7 @@ def _canister(rng: Generator) -> Design:
     """A bagless canister towing a hose; the wand leans over its floor head in front."""
     b = MeshBuilder()
     tone = choose(rng, "#b32428", "#1f5fa8", "#d9772b", "#5b3b86")
-    body, dark = plastic("body", tone, gloss=0.6), plastic("dark", "#26282b", gloss=0.5)
+    body, dark = plastic("body", tone, roughness=0.16), plastic("dark", "#26282b", roughness=0.25)
     _boat(b, body, dark)
     for side in (-1, 1):
         _wheel(b, side * 0.150, 0.090, 0.046, -0.085, body)
@@ -157,7 +157,7 @@ def _upright(rng: Generator) -> Design:
     """An upright: motor head on the floor, bin and body leaning back, loop handle."""
     b = MeshBuilder()
     tone = choose(rng, "#6a2c91", "#1f6fb2", "#c8372d", "#e0b02c")
-    body, dark = plastic("body", tone, gloss=0.6), plastic("dark", "#2a2c2f", gloss=0.5)
+    body, dark = plastic("body", tone, roughness=0.16), plastic("dark", "#2a2c2f", roughness=0.25)
     _motor_head(b, body, dark)
     _leaning_body(b, body, dark)
     _cyclone(b, body, dark)
@@ -277,7 +277,7 @@ def _drum(rng: Generator) -> Design:
     """A tub on castors with a domed motor lid, its hose looping to a wand parked at the side."""
     b = MeshBuilder()
     tone = choose(rng, "#c4282b", "#e3b422", "#2f7a4b", "#2a63ad")
-    body, dark = plastic("tub", tone, gloss=0.6), plastic("lid", "#1f2022", gloss=0.5)
+    body, dark = plastic("tub", tone, roughness=0.16), plastic("lid", "#1f2022", roughness=0.25)
     _tub(b, body, dark)
     for k in range(4):
         turn = rotation("y", 45 + 90 * k)

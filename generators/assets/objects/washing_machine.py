@@ -62,7 +62,7 @@ def _bowl_texture(rng: Generator) -> Material:
         near = np.exp(-((((u / width) - centre) / spread) ** 4)) * np.exp(-(((inwards - depth) / 0.13) ** 4))
         pixels += (amount * near)[..., None] * np.array([0.93, 0.98, 1.05])
     pixels += (10 * (1 + np.cos(angle - np.pi)))[..., None] * 0.6
-    return Material("port_glass", "glass", texture=Texture("port_glass", _bytes(pixels)), gloss=0.85)
+    return Material("port_glass", "glass", texture=Texture("port_glass", _bytes(pixels)), roughness=0.02)
 
 
 def _bytes(values: np.ndarray) -> np.ndarray:
@@ -135,7 +135,7 @@ def _door(b: MeshBuilder, style: _Style, rng: Generator) -> None:
     # Lathe profiles run (radius, towards the room); u starts at the port's bottom.
     centre = (0.0, style.port_height, face)
     turn_z = rotation("x", 90)
-    ring = chrome("door_ring") if style.ring == "chrome" else plastic("door_ring", style.ring, gloss=0.5)
+    ring = chrome("door_ring") if style.ring == "chrome" else plastic("door_ring", style.ring, roughness=0.25)
     outer = radius + 0.052
     b.lathe(
         [(outer, -0.001), (outer, 0.016), (outer - 0.006, 0.026), (outer - 0.020, 0.034), (radius - 0.002, 0.037)],
@@ -145,7 +145,7 @@ def _door(b: MeshBuilder, style: _Style, rng: Generator) -> None:
         segments=64,
         acoustic=False,
     )
-    trim = plastic("door_trim", "#2a2c2f", gloss=0.5)
+    trim = plastic("door_trim", "#2a2c2f", roughness=0.25)
     b.lathe(
         [(radius - 0.002, 0.037), (radius - 0.008, 0.039), (radius - 0.020, 0.034), (radius - 0.026, 0.020)],
         trim,
@@ -172,7 +172,7 @@ def _door(b: MeshBuilder, style: _Style, rng: Generator) -> None:
     )
     # Hinge on the left, grip on the right.
     b.box((0.03, 0.11, 0.02), (-outer + 0.004, style.port_height, face + 0.009), ring, bevel=0.005, acoustic=False)
-    grip = plastic("grip", "#1f2022", gloss=0.5)
+    grip = plastic("grip", "#1f2022", roughness=0.25)
     b.slab((0.028, 0.13, 0.012), (radius + 0.026, style.port_height, face + 0.034), grip, corner=0.013, bevel=0.004)
 
 

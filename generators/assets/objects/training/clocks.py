@@ -40,7 +40,7 @@ def _case(rng: Generator, name: str = "case") -> Material:
     if kind < 0.5:
         return metal(rng, name)
     colour = tone(rng, *VIVID) if kind < 0.68 else tone(rng, *_PLAIN)
-    return plastic(name, colour, gloss=between(rng, 0.2, 0.6))
+    return plastic(name, colour, roughness=between(rng, 0.16, 0.64))
 
 
 def _round_wall(rng: Generator) -> Design:
@@ -182,7 +182,9 @@ def _digital(rng: Generator) -> Design:
     b = MeshBuilder({"case": 0.3})
     kind = rng.random()
     case = (
-        timber(rng, "case") if kind < 0.3 else plastic("case", tone(rng, *(VIVID if kind < 0.5 else _PLAIN)), gloss=0.4)
+        timber(rng, "case")
+        if kind < 0.3
+        else plastic("case", tone(rng, *(VIVID if kind < 0.5 else _PLAIN)), roughness=0.36)
     )
     width, height, depth = between(rng, 0.26, 0.36), between(rng, 0.09, 0.17), between(rng, 0.045, 0.11)
     wall = chance(rng, 0.3)

@@ -199,7 +199,7 @@ def _drip(rng: Generator) -> Design:
         1.05 * radius,
         0.006,
         (0, base + 0.002, z),
-        paint("hotplate", "metal", "#2d2e30", gloss=0.4),
+        paint("hotplate", "metal", "#2d2e30", roughness=0.36),
         segments=32,
         acoustic=False,
     )
@@ -240,8 +240,8 @@ def _pod(rng: Generator) -> Design:
     b = MeshBuilder()
     colour = draw_colour(rng)
     body, dark = (
-        plastic("body", colour, gloss=0.6),
-        plastic("second", tone(rng, "#191a1c", "#8d9195", "#e9eaec", "#3a3d40"), gloss=0.5),
+        plastic("body", colour, roughness=0.16),
+        plastic("second", tone(rng, "#191a1c", "#8d9195", "#e9eaec", "#3a3d40"), roughness=0.25),
     )
     shiny = metal(rng, "shiny")
     width, height, reach = between(rng, 0.10, 0.17), between(rng, 0.23, 0.32), between(rng, 0.1, 0.15)
@@ -379,7 +379,7 @@ def _stove_pot(rng: Generator) -> Design:
     """A stove-top pot: a faceted or round waisted body with spout, lid knob and handle, on an electric base."""
     b = MeshBuilder({"base": 0.25})
     sides = int(rng.choice([8, 8, 10, 40]))
-    body = metal(rng, "pot") if chance(rng, 0.65) else plastic("pot", tone(rng, *VIVID), gloss=0.6)
+    body = metal(rng, "pot") if chance(rng, 0.65) else plastic("pot", tone(rng, *VIVID), roughness=0.16)
     dark = (
         timber(rng, "grip")
         if chance(rng, 0.2)

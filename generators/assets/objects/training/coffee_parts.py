@@ -49,7 +49,7 @@ def add_cup(b: MeshBuilder, rng: Generator, at: tuple[float, float, float], heig
         0.86 * wide * s,
         0.003,
         (x, y + 0.78 * s, z),
-        paint("coffee", "water", "#3a2113", gloss=0.5),
+        paint("coffee", "water", "#3a2113", roughness=0.25),
         segments=20,
         acoustic=False,
     )

@@ -121,7 +121,7 @@ def add_hands(b: MeshBuilder, rng: Generator, centre: Spot, radius: float, ink: 
 def add_dial(b: MeshBuilder, rng: Generator, centre: Spot, radius: float) -> None:
     """A round dial with its hands."""
     pixels, _, ink = draw_face(rng)
-    b.disc(radius, centre, "z", printed("dial", pixels, acoustic="paper", gloss=0.2), segments=48)
+    b.disc(radius, centre, "z", printed("dial", pixels, acoustic="paper", roughness=0.64), segments=48)
     x, y, z = centre
     add_hands(b, rng, (x, y, z + 0.0005), radius, ink)
 

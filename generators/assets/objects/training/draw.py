@@ -120,7 +120,7 @@ def shell(rng: Generator, name: str, srgb: str, *, steel: float = 0.15) -> Mater
     """
     if chance(rng, steel):
         return brushed_steel(name, rng, tone(rng, "#b9bcbe", "#a3a6a8", "#c6c2ba", "#77797c", spread=0.02))
-    return enamel(name, srgb) if chance(rng, 0.5) else plastic(name, srgb, gloss=between(rng, 0.2, 0.6))
+    return enamel(name, srgb) if chance(rng, 0.5) else plastic(name, srgb, roughness=between(rng, 0.16, 0.64))
 
 
 def trim(rng: Generator, name: str) -> Material:
@@ -128,7 +128,7 @@ def trim(rng: Generator, name: str) -> Material:
     kind = rng.random()
     if kind < 0.35:
         return metal(rng, name)
-    return plastic(name, tone(rng, "#1c1d1f", "#e9eaec", "#8d9195", "#c9cccf", "#2f3236"), gloss=0.5)
+    return plastic(name, tone(rng, "#1c1d1f", "#e9eaec", "#8d9195", "#c9cccf", "#2f3236"), roughness=0.25)
 
 
 def timber(rng: Generator, name: str) -> Material:

@@ -19,9 +19,9 @@ def _caged(rng: Generator) -> Design:
     """Blades in a cage on a table's foot or on a pole."""
     b = MeshBuilder()
     colour = tone(rng) if chance(rng, 0.7) else tone(rng, *VIVID)
-    body = plastic("body", colour, gloss=between(rng, 0.2, 0.6))
-    wire = metal(rng, "wire") if chance(rng, 0.5) else plastic("wire", shade(rng, colour), gloss=0.4)
-    blade = plastic("blade", tone(rng, "#8fa3ad", "#4e555a", "#c9d6da", "#2b2d30", colour), gloss=0.6)
+    body = plastic("body", colour, roughness=between(rng, 0.16, 0.64))
+    wire = metal(rng, "wire") if chance(rng, 0.5) else plastic("wire", shade(rng, colour), roughness=0.36)
+    blade = plastic("blade", tone(rng, "#8fa3ad", "#4e555a", "#c9d6da", "#2b2d30", colour), roughness=0.16)
     floor = chance(rng, 0.4)
     radius = between(rng, 0.17, 0.24) if floor else between(rng, 0.10, 0.18)
     head = Head(
@@ -58,7 +58,7 @@ def _tower(rng: Generator) -> Design:
     """A slim column with slots, on a round foot; its controls are above the slots."""
     b = MeshBuilder()
     colour = tone(rng, "#232427", "#efefec", "#c3c6c8", "#8d9195")
-    body = plastic("body", colour, gloss=between(rng, 0.2, 0.6))
+    body = plastic("body", colour, roughness=between(rng, 0.16, 0.64))
     floor = chance(rng, 0.7)
     width, depth = between(rng, 0.13, 0.20), between(rng, 0.12, 0.20)
     height = between(rng, 0.75, 1.1) if floor else between(rng, 0.30, 0.42)
@@ -72,7 +72,7 @@ def _tower(rng: Generator) -> Design:
     span, bottom, top = 0.62 * width, 0.14 * height, 0.80 * height
     dark = rubber("dark", "#141516")
     b.slab((span, top - bottom, 0.012), (0, (top + bottom) / 2, z - 0.003), dark, corner=0.02, bevel=0.002)
-    bars = plastic("bars", shade(rng, colour), gloss=0.4)
+    bars = plastic("bars", shade(rng, colour), roughness=0.36)
     if chance(rng, 0.5):
         for x in np.linspace(-0.44, 0.44, int(rng.integers(5, 10))) * span:
             b.box((0.004, top - bottom - 0.012, 0.008), (float(x), (top + bottom) / 2, z + 0.004), bars, acoustic=False)

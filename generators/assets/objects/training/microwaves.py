@@ -191,7 +191,7 @@ def _side_panel(rng: Generator) -> Design:
     b.slab(
         (column - 0.006, high - low, thick),
         (x, (low + high) / 2, z + thick / 2),
-        plastic("fascia", ground, gloss=0.4),
+        plastic("fascia", ground, roughness=0.36),
         corner=0.006,
         bevel=0.003,
     )
@@ -220,7 +220,7 @@ def _strip_panel(rng: Generator) -> Design:
     b.slab(
         (width - 0.012, strip - 0.004, 0.014),
         (0, y, z + 0.007),
-        plastic("fascia", ground, gloss=0.4),
+        plastic("fascia", ground, roughness=0.36),
         corner=0.006,
         bevel=0.003,
     )
@@ -246,7 +246,7 @@ def _retro(rng: Generator) -> Design:
     colour = tone(rng, *VIVID, "#e9dfc4", "#8fb9a8", "#d99aa0")
     size = (between(rng, 0.42, 0.52), between(rng, 0.25, 0.31), between(rng, 0.30, 0.38))
     width, height, depth = size
-    body = plastic("body", colour, gloss=0.6)
+    body = plastic("body", colour, roughness=0.16)
     b.box((width, height - 0.02, depth), (0, (height + 0.02) / 2, 0), body, bevel=between(rng, 0.025, 0.06), segments=4)
     feet(b, (width - 0.06, depth - 0.06), 0.014, 0.03)
     z, shiny = depth / 2 - 0.002, metal(rng, "trim")

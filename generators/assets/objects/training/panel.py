@@ -48,8 +48,8 @@ def paste(
     way = np.eye(3) if turn is None else turn
     w, h = size[0] / 2, size[1] / 2
     corners = [np.asarray(centre) + way @ [sx * w, sy * h, 0.0] for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-    gloss = 0.8 if acoustic == "glass" else 0.3
-    b.quad(corners, printed(name, pixels, acoustic=acoustic, gloss=gloss), fit=True, acoustic=False)
+    roughness = 0.04 if acoustic == "glass" else 0.49
+    b.quad(corners, printed(name, pixels, acoustic=acoustic, roughness=roughness), fit=True, acoustic=False)
 
 
 def finished(b: MeshBuilder, mount: Mount, level: float) -> Design:

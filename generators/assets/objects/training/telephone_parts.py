@@ -164,7 +164,7 @@ def add_dial(b: MeshBuilder, rng: Generator, at: Array, face: Array, radius: flo
     wheel = (
         metal(rng, "finger_wheel")
         if chance(rng, 0.6)
-        else plastic("finger_wheel", tone(rng, "#1d1e20", "#e9e2d0", "#b1302c"), gloss=0.5)
+        else plastic("finger_wheel", tone(rng, "#1d1e20", "#e9e2d0", "#b1302c"), roughness=0.25)
     )
     b.extrude(
         circle * 0.95 * radius, 0.003, wheel, holes=holes, centre=at + face @ [0, 0, 0.011], rotate=face, acoustic=False

@@ -54,7 +54,7 @@ def _keypad_desk(rng: Generator) -> Design:
     """A desk set with keys: the handset at the left, at the right, or across the back."""
     b = MeshBuilder()
     colour = tone(rng, *_COLOURS)
-    body = plastic("body", colour, gloss=between(rng, 0.2, 0.6))
+    body = plastic("body", colour, roughness=between(rng, 0.16, 0.64))
     across = chance(rng, 0.3)
     width, depth = (
         (between(rng, 0.19, 0.24), between(rng, 0.18, 0.23))
@@ -65,7 +65,7 @@ def _keypad_desk(rng: Generator) -> Design:
     slope, middle = add_wedge(b, rng, (width, depth), rise, body)
     turn = rotation("x", slope - 90)
     side = -1 if chance(rng, 0.75) else 1
-    grip = body if chance(rng, 0.75) else plastic("grip", tone(rng, "#232427", "#e6e3da", "#4b4e52"), gloss=0.5)
+    grip = body if chance(rng, 0.75) else plastic("grip", tone(rng, "#232427", "#e6e3da", "#4b4e52"), roughness=0.25)
     length = between(rng, 0.19, 0.235)
     well = plastic("well", shade(rng, colour, 0.12))
     if across:
@@ -109,7 +109,7 @@ def _dial_desk(rng: Generator) -> Design:
     """A set with a dial (in some, keys) on its front slope and the handset across a cradle."""
     b = MeshBuilder({"body": 0.25})
     colour = tone(rng, *_COLOURS)
-    body = timber(rng, "body") if chance(rng, 0.12) else plastic("body", colour, gloss=0.6)
+    body = timber(rng, "body") if chance(rng, 0.12) else plastic("body", colour, roughness=0.16)
     width, depth, high = between(rng, 0.19, 0.26), between(rng, 0.18, 0.23), between(rng, 0.095, 0.14)
     round_, step = between(rng, 0.012, 0.05), between(rng, 0.5, 0.78)
     back = -between(rng, 0.34, 0.42) * depth / 2
@@ -126,7 +126,7 @@ def _dial_desk(rng: Generator) -> Design:
         b.box((0.02, between(rng, 0.02, 0.035), 0.05), (x, high + 0.008, back), body, bevel=0.004, acoustic=False)
         for dz in (-0.024, 0.024):
             b.box((0.018, 0.03, 0.011), (x, high + 0.026, back + dz), body, bevel=0.004, acoustic=False)
-    grip = body if chance(rng, 0.75) else plastic("grip", tone(rng, "#232427", "#e6e3da"), gloss=0.5)
+    grip = body if chance(rng, 0.75) else plastic("grip", tone(rng, "#232427", "#e6e3da"), roughness=0.25)
     length = max(between(rng, 0.2, 0.26), step * width + 0.07)
     add_handset(b, rng, length, grip, np.array([0, high + 0.045, back]), np.eye(3))
     low_z, high_z = (
@@ -172,7 +172,7 @@ def _cordless_set(rng: Generator) -> Design:
     """A cordless handset that stands or lies in its base; the base may have a grille, keys and a counter."""
     b = MeshBuilder()
     colour = tone(rng, *_COLOURS)
-    body = plastic("body", colour, gloss=0.5)
+    body = plastic("body", colour, roughness=0.25)
     second = trim(rng, "second")
     width, depth = between(rng, 0.085, 0.2), between(rng, 0.09, 0.14)
     slope, middle = add_wedge(
@@ -207,7 +207,7 @@ def _phone(b: MeshBuilder, rng: Generator, foot: Array, lean: Array, finish: tup
         bevel=0.005,
         rotate=lean,
     )
-    phone = body if chance(rng, 0.7) else plastic("phone", tone(rng, "#232427", "#c3c6c8", "#efefec"), gloss=0.5)
+    phone = body if chance(rng, 0.7) else plastic("phone", tone(rng, "#232427", "#c3c6c8", "#efefec"), roughness=0.25)
     b.slab(
         (broad, length, thick),
         foot + lean @ [0, length / 2 + 0.004, 0],
@@ -217,7 +217,7 @@ def _phone(b: MeshBuilder, rng: Generator, foot: Array, lean: Array, finish: tup
         rotate=lean,
         acoustic=True,
     )
-    back = plastic("phone_back", shade(rng, colour, 0.1), gloss=0.4)
+    back = plastic("phone_back", shade(rng, colour, 0.1), roughness=0.36)
     b.slab(
         (0.98 * broad, 0.98 * length, 0.008),
         foot + lean @ [0, length / 2 + 0.004, -thick / 2 - 0.0035],
@@ -250,13 +250,13 @@ def _wall_set(rng: Generator) -> Design:
     """A set for the wall: the handset hangs along or beside a plate with keys or a dial."""
     b = MeshBuilder({"body": 0.25})
     colour = tone(rng, *_COLOURS)
-    body = timber(rng, "body") if chance(rng, 0.15) else plastic("body", colour, gloss=0.5)
+    body = timber(rng, "body") if chance(rng, 0.15) else plastic("body", colour, roughness=0.25)
     width, height, depth = between(rng, 0.11, 0.19), between(rng, 0.2, 0.26), between(rng, 0.035, 0.07)
     b.slab(
         (width, height, depth), (0, 0, depth / 2), body, corner=between(rng, 0.006, 0.03), bevel=0.008, acoustic=True
     )
     side = 0 if width < 0.14 and chance(rng, 0.4) else (-1 if chance(rng, 0.8) else 1)
-    grip = body if chance(rng, 0.7) else plastic("grip", tone(rng, "#232427", "#e6e3da"), gloss=0.5)
+    grip = body if chance(rng, 0.7) else plastic("grip", tone(rng, "#232427", "#e6e3da"), roughness=0.25)
     length = between(rng, 0.19, 0.23)
     if side == 0:  # across the top
         at, way = np.array([0, height / 2 - 0.02, depth + 0.03]), rotation("x", 90)
@@ -308,7 +308,7 @@ def _candlestick(rng: Generator) -> Design:
     """An old set: a column with a mouthpiece on top, a receiver on a hook, a foot with a dial or plain."""
     b = MeshBuilder({"foot": 0.2})
     shiny = metal(rng, "column")
-    dark = plastic("dark", tone(rng, "#1c1c1e", "#1c1c1e", "#3d2417", "#8f1d1f"), gloss=0.6)
+    dark = plastic("dark", tone(rng, "#1c1c1e", "#1c1c1e", "#3d2417", "#8f1d1f"), roughness=0.16)
     foot = timber(rng, "foot") if chance(rng, 0.35) else (shiny if chance(rng, 0.5) else dark)
     radius, high, base = between(rng, 0.062, 0.085), between(rng, 0.23, 0.3), between(rng, 0.03, 0.06)
     profile = [

@@ -85,7 +85,7 @@ def _bowl(b: MeshBuilder, pan: _Pan, outer: list[Array], material: Material) -> 
     loop = pan.loop(0.042, pan.rim - 0.168, 0.56)
     b.loft(
         np.array([loop, loop + np.array([0, 0.001, 0])]),
-        paint("water", "water", "#9fb4bd", gloss=0.9),
+        paint("water", "water", "#9fb4bd", roughness=0.01),
         acoustic=False,
     )
 
@@ -121,11 +121,11 @@ def _seat_and_lid(b: MeshBuilder, rng: Generator, pan: _Pan) -> None:
     """A seat with its lid, up, down or half up; without a lid in few."""
     kind = rng.random()
     if kind < 0.7:
-        seat: Material = plastic("seat", tone(rng, "#f3f3f0", "#ebe9e2", spread=0.012), gloss=0.5)
+        seat: Material = plastic("seat", tone(rng, "#f3f3f0", "#ebe9e2", spread=0.012), roughness=0.25)
     elif kind < 0.85:
         seat = timber(rng, "seat")
     else:
-        seat = plastic("seat", tone(rng, "#232427", "#8d9195", "#3b6b8f", "#c9a7a4", "#5d3b2a"), gloss=0.5)
+        seat = plastic("seat", tone(rng, "#232427", "#8d9195", "#3b6b8f", "#c9a7a4", "#5d3b2a"), roughness=0.25)
     y, thick = pan.rim + 0.004, between(rng, 0.014, 0.026)
     width = between(rng, 0.05, 0.075)
     wide = between(rng, -0.004, 0.006)
@@ -237,7 +237,7 @@ def _low_level(rng: Generator) -> Design:
         acoustic=False,
     )
     gap = between(rng, 0.14, 0.34)
-    tank = plastic("tank", tone(rng, "#efefec", "#e4e3dd", spread=0.012), gloss=0.5) if chance(rng, 0.4) else white
+    tank = plastic("tank", tone(rng, "#efefec", "#e4e3dd", spread=0.012), roughness=0.25) if chance(rng, 0.4) else white
     _tank(b, rng, pan.rim + gap, (-behind, -pan.back - 0.03), tank)
     pipe = metal(rng, "pipe") if chance(rng, 0.6) else plastic("pipe", "#ececea")
     z = -behind + 0.06
@@ -260,7 +260,7 @@ def _plate(b: MeshBuilder, rng: Generator, y: float, z: float) -> None:
     frame = (
         trim(rng, "plate")
         if chance(rng, 0.5)
-        else plastic("plate", tone(rng, "#f0f0ee", "#e4e3dd", spread=0.01), gloss=0.5)
+        else plastic("plate", tone(rng, "#f0f0ee", "#e4e3dd", spread=0.01), roughness=0.25)
     )
     width, height = between(rng, 0.19, 0.27), between(rng, 0.12, 0.18)
     corner = pick(rng, 0.004, 0.012, 0.03, 0.08)
@@ -294,7 +294,7 @@ def _boxed(rng: Generator) -> Design:
     unit = (
         timber(rng, "unit")
         if chance(rng, 0.35)
-        else paint("unit", "tile" if chance(rng, 0.5) else "wood", shade(rng, colour), gloss=0.3)
+        else paint("unit", "tile" if chance(rng, 0.5) else "wood", shade(rng, colour), roughness=0.49)
     )
     reach = pan.back + between(rng, 0.02, 0.08)
     z = -reach - deep / 2 + 0.004

@@ -153,7 +153,7 @@ def _stand_up(rng: Generator) -> Design:
     b.loft(np.array(loops), body if bag else dark, centre=pivot, rotate=lean)
     if bag:
         puff = [(0.5, 0.3), (0.86, 0.36), (0.92, 0.6), (0.84, 0.85), (0.4, 0.92)]
-        cloth = plastic("bag", tone(rng, "#55585c", "#8c2f2c", "#2b3f5c", "#b9ab8e", "#232427"), gloss=0.05)
+        cloth = plastic("bag", tone(rng, "#55585c", "#8c2f2c", "#2b3f5c", "#b9ab8e", "#232427"), roughness=0.9)
         b.loft(
             np.array(
                 [level(egg(half * s, deep * 0.6 * s, deep * 0.3 * s) + [0, 0.75 * deep], t * tall) for s, t in puff]
@@ -353,8 +353,8 @@ def _robot(rng: Generator) -> Design:
     b = MeshBuilder()
     colour = tone(rng, "#232427", "#efefec", "#8d9195", "#4b4e52", "#b9bcbe")
     body, dark = (
-        plastic("body", colour, gloss=0.5),
-        plastic("bumper", tone(rng, "#26282b", "#3a3d40", "#8d9195"), gloss=0.4),
+        plastic("body", colour, roughness=0.25),
+        plastic("bumper", tone(rng, "#26282b", "#3a3d40", "#8d9195"), roughness=0.36),
     )
     radius, high = between(rng, 0.155, 0.19), between(rng, 0.075, 0.105)
     outline = egg(radius, radius, radius, points=56, squareness=2.0)

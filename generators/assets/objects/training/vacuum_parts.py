@@ -19,8 +19,12 @@ Spot = tuple[float, float, float]
 def draw_two_tones(rng: Generator) -> tuple[str, Material, Material]:
     """The colour of the body, its material, and a second, mostly dark one."""
     colour = tone(rng, *VIVID)
-    body = plastic("body", colour, gloss=between(rng, 0.3, 0.7))
-    return colour, body, plastic("second", tone(rng, "#26282b", "#26282b", "#8d9195", "#e9eaec", "#3a3f46"), gloss=0.5)
+    body = plastic("body", colour, roughness=between(rng, 0.09, 0.49))
+    return (
+        colour,
+        body,
+        plastic("second", tone(rng, "#26282b", "#26282b", "#8d9195", "#e9eaec", "#3a3f46"), roughness=0.25),
+    )
 
 
 def add_hose(b: MeshBuilder, rng: Generator, points: list[Array], count: int = 100) -> None:

@@ -91,7 +91,7 @@ def _top_lid(rng: Generator) -> Design:
     bottom = between(rng, 0.015, 0.06)
     b.box((width, height - bottom, depth), (0, (height + bottom) / 2, 0), body, bevel=between(rng, 0.006, 0.02))
     feet(b, (width, depth), 0.024, bottom + 0.004)
-    lid = body if chance(rng, 0.5) else plastic("lid", tone(rng, "#efefec", "#2b2d30", "#c9cccf"), gloss=0.5)
+    lid = body if chance(rng, 0.5) else plastic("lid", tone(rng, "#efefec", "#2b2d30", "#c9cccf"), roughness=0.25)
     flat = rotation("x", -90)
     console = between(rng, 0.09, 0.15)
     behind = chance(rng, 0.6)

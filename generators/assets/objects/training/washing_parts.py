@@ -80,7 +80,7 @@ def add_door(b: MeshBuilder, rng: Generator, port: DoorPort, body: Material, col
         profile = [(outer, -0.001), (outer, 0.5 * out), (outer - 0.15 * port.ring, 0.85 * out)]
         profile += [(port.radius + crown * port.ring, out), (port.radius, between(rng, 0.5, 1.0) * out)]
         b.lathe(profile, ring, centre=centre, rotate=turn, segments=56, acoustic=False)
-    lip = plastic("door_lip", tone(rng, "#2a2c2f", "#55585c", "#d9dadb"), gloss=0.5)
+    lip = plastic("door_lip", tone(rng, "#2a2c2f", "#55585c", "#d9dadb"), roughness=0.25)
     b.lathe(
         [(port.radius + 0.001, 0.9 * out), (inner, 0.7 * out), (inner, -0.025)],
         lip,
@@ -93,7 +93,7 @@ def add_door(b: MeshBuilder, rng: Generator, port: DoorPort, body: Material, col
     s = np.linspace(0, 1, 8)
     radii = inner * np.cos(s * np.pi / 2) ** 0.8
     glazing = np.stack([np.maximum(radii, 0.0), 0.25 * out + bulge * np.sin(s * np.pi / 2)], axis=1)
-    add_flat_lathe(b, glazing, printed("port_glass", glass_print(rng), acoustic="glass", gloss=0.85), centre)
+    add_flat_lathe(b, glazing, printed("port_glass", glass_print(rng), acoustic="glass", roughness=0.02), centre)
     side = 1 if chance(rng, 0.7) else -1
     b.box(
         (0.03, between(rng, 0.07, 0.16), 0.018),
@@ -155,7 +155,7 @@ def add_front_panel(
     for name, x in centres.items():
         width = parts[name]
         if name == "drawer":
-            drawer = plastic("drawer", shade(rng, colour, 0.03), gloss=0.4)
+            drawer = plastic("drawer", shade(rng, colour, 0.03), roughness=0.36)
             b.slab((width, 0.85 * high, 0.012), panel.at(x, 0, 0.004), drawer, corner=0.008, bevel=0.004)
             gap = rubber("drawer_grip", "#303336")
             b.slab(
