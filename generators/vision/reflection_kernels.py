@@ -33,8 +33,12 @@ LIFT = np.float32(2e-4)
 FIREFLY = np.float32(8.0)
 #: Half-width of a lobe that a ray stands for in a look-up of textures, in units of α: rays of pixels around are near.
 PART = np.float32(0.5)
-#: Radius of the average over a lobe, in units of the lobe's radius on the screen, and the most of it (pixels).
-SHARE, WIDEST = np.float32(0.5), 6
+#: Radius of the average over a lobe, in units of the lobe's radius on the screen, and its least and most (pixels).
+SHARE, LEAST, WIDEST = np.float32(0.8), np.float32(2.0), np.float32(6.0)
+#: From this roughness on every other pixel has a ray, like the black squares of a chessboard.
+HALVED = np.float32(0.25)
+#: Part of α from which rays are drawn: the average widens the lobe again.
+DRAWN = np.float32(0.8)
 #: Width of a lobe's mirrored directions (radians) in units of α.
 WIDTH = np.float32(1.4)
 
@@ -248,7 +252,8 @@ def reflect(
         weight: (M, 3) factor of the radiance that the ray brings; 0 for hits without one.
         origins: (M, 3).
         directions: (M, 3) unit vectors, and 0 without a ray.
-        cone: (M, 3) width of the footprint at the start (m), its growth per metre, and the lobe's α, 0 for a mirror.
+        cone: (M, 3) width of the footprint at the start (m), its growth per metre, and the lobe's α: 0 for a mirror,
+            and negative where rays of pixels around are to stand in for a ray.
     """
     step = np.float32(
         spread
@@ -346,9 +351,14 @@ def reflect(
         else:
             pixel = pixels[i // samples]
             y = pixel // view.width
-            x = pixel - y * view.width + 3 * (i % samples)
+            x = pixel - y * view.width
+            if samples == 1 and roughness > HALVED and (x + y) % 2 == 1:
+                directions[k, 0] = directions[k, 1] = directions[k, 2] = _ZERO
+                cone[k, 0], cone[k, 1], cone[k, 2] = width, step, -alpha
+                continue
+            x += 3 * (i % samples)
             one, other = points[y % BLOCK, x % BLOCK, 0], points[y % BLOCK, x % BLOCK, 1]
-            hx, hy, hz = lobe_normal(-dx, -dy, -dz, nx, ny, nz, alpha, one, other)
+            hx, hy, hz = lobe_normal(-dx, -dy, -dz, nx, ny, nz, DRAWN * alpha, one, other)
         directions[k, 0], directions[k, 1], directions[k, 2] = _mirrored(dx, dy, dz, hx, hy, hz, gx, gy, gz)
         far = distance[i]
         for c in range(3):
@@ -357,6 +367,21 @@ def reflect(
         origins[k, 1] += LIFT * gy
         origins[k, 2] += LIFT * gz
         cone[k, 0], cone[k, 1], cone[k, 2] = width, step + PART * alpha, alpha
+
+
+@njit
+def gather(owner: I32, throughput: F32, origins: F32, directions: F32, cone: F32) -> int:
+    """Move rays that have a direction to the beginning of the arrays; returns how many they are, see `follow`."""
+    count = 0
+    for k in range(owner.shape[0]):
+        if directions[k, 0] == _ZERO and directions[k, 1] == _ZERO and directions[k, 2] == _ZERO:
+            continue
+        for c in range(3):
+            origins[count, c], directions[count, c], cone[count, c] = origins[k, c], directions[k, c], cone[k, c]
+            throughput[count, c] = _ONE
+        owner[count] = k
+        count += 1
+    return count
 
 
 @njit
@@ -612,7 +637,7 @@ def keep_lobes(
         lobe: (N, 3) radiance.
         factor: (N, 3) what it is multiplied by.
         radius: (N,) of the average (pixels): 0 for none, −1 where there is no lobe.
-        alpha: (N,) of the lobe.
+        alpha: (N,) of the lobe, negative where it has no ray.
         second: (N,) face that a mirror shows, −1 elsewhere.
     """
     for k in range(rows.shape[0]):
@@ -623,11 +648,13 @@ def keep_lobes(
         radius[i] = _ZERO
         if weight[k, 0] + weight[k, 1] + weight[k, 2] <= _ZERO:
             radius[i] = -_ONE
+        elif cone[k, 2] < _ZERO:
+            radius[i] = WIDEST
         elif cone[k, 2] > _ZERO:
             far = distance[i]
             pixel = cone[k, 0] / max(far, np.float32(1e-6))
             ratio = reach[k] / (reach[k] + far)
-            radius[i] = min(SHARE * WIDTH * cone[k, 2] * ratio / pixel, np.float32(WIDEST))
+            radius[i] = min(max(SHARE * WIDTH * cone[k, 2] * ratio / pixel, LEAST), WIDEST)
         else:
             second[i] = first[k]
 
@@ -646,7 +673,7 @@ def smooth(
     last: int,
     out: F32,
 ) -> None:
-    """Average the radiance of lobes along the rows, or down the columns, of a picture, for its pixels first to last.
+    """Average the radiance of lobes along the rows, then ``down`` the columns, of a picture's pixels first to last.
 
     Only pixels of one surface count whose normals differ by less than the lobe is wide.
     """
@@ -662,12 +689,12 @@ def smooth(
         f = face[i]
         surface = surfaces[f]
         nx, ny, nz = normal[f, 0], normal[f, 1], normal[f, 2]
-        lean = _HALF * alpha[i] * alpha[i] + np.float32(1e-6)
+        lean = alpha[i] * alpha[i] + np.float32(1e-6)
         reach = int(around)
         red = green = blue = total = _ZERO
         for away in range(max(-reach, -place), min(reach, length - 1 - place) + 1):
             j = i + away * stride
-            if radius[j] < _ZERO:
+            if radius[j] < _ZERO or (alpha[j] < _ZERO and not down):
                 continue
             h = face[j]
             if h != f:
@@ -681,6 +708,7 @@ def smooth(
             green += w * lobe[j, 1]
             blue += w * lobe[j, 2]
             total += w
+        total = max(total, _TINY)
         out[i, 0], out[i, 1], out[i, 2] = red / total, green / total, blue / total
 
 
@@ -706,6 +734,7 @@ def reuse(
     width: int,
     height: int,
     weight: F32,
+    directions: F32,
     light: F32,
 ) -> None:
     """Add the averaged radiance of pixels around to further rays of a pixel that meet the same rough surface.
@@ -722,6 +751,7 @@ def reuse(
         width: of the picture.
         height: of the picture.
         weight: (M, 3) factor of the lobe's radiance; set to 0 where it has been added.
+        directions: (M, 3) of the rays; the same.
         light: (N, 3) radiance of the hits.
     """
     surfaces, plane = tables.surface, tables.normal
@@ -753,7 +783,7 @@ def reuse(
         if found >= 0:
             for c in range(3):
                 light[i, c] += weight[k, c] * lobe[found, c]
-                weight[k, c] = _ZERO
+                weight[k, c] = directions[k, c] = _ZERO
 
 
 @njit

@@ -63,7 +63,7 @@ class Reflections:
         rows, weight, rays = found
         first, reach = np.full(len(rows), -1, dtype=np.int32), np.zeros(len(rows), dtype=np.float32)
         cone = rays[2].copy()
-        seen = self._walk(weight.any(axis=1), *rays, first, reach)
+        seen = self._walk(*rays, first, reach)
         kernels.keep_lobes(
             rows,
             hit["tfar"],
@@ -111,10 +111,11 @@ class Reflections:
             view.width,
             view.height,
             weight,
+            rays[1],
             light,
         )
         first, reach = np.empty(len(rows), dtype=np.int32), np.empty(len(rows), dtype=np.float32)
-        light[rows] += weight * self._walk(weight.any(axis=1), *rays, first, reach)
+        light[rows] += weight * self._walk(*rays, first, reach)
 
     def _reflect(
         self,
@@ -144,24 +145,22 @@ class Reflections:
         weight, rays = np.empty((len(rows), 3), dtype=np.float32), _rays(len(rows))
         count = kernels.see_through(rows, *geometry, self._tables, weight, *rays)
         if count:
-            some = np.ones(count, dtype=bool)
             first, reach = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.float32)
-            light[rows[:count]] += weight[:count] * self._walk(some, *(each[:count] for each in rays), first, reach)
+            light[rows[:count]] += weight[:count] * self._walk(*(each[:count] for each in rays), first, reach)
 
-    def _walk(self, wanted: np.ndarray, origins: F32, directions: F32, cone: F32, first: I32, reach: F32) -> F32:
-        """Radiance (M, 3) of M rays, 0 of those not ``wanted``; writes the first face that each met, and its distance."""
-        seen = np.zeros((len(wanted), 3), dtype=np.float32)
-        owner = np.flatnonzero(wanted).astype(np.int32)
-        origins, directions, cone = origins[owner], directions[owner], cone[owner]
-        throughput = np.ones((len(owner), 3), dtype=np.float32)
-        count = len(owner)
+    def _walk(self, origins: F32, directions: F32, cone: F32, first: I32, reach: F32) -> F32:
+        """Radiance (M, 3) of M rays, 0 without a direction; writes the first face that each met, and its distance."""
+        count = len(origins)
+        seen, throughput = np.zeros((count, 3), dtype=np.float32), np.empty((count, 3), dtype=np.float32)
+        owner = np.empty(count, dtype=np.int32)
+        count = kernels.gather(owner, throughput, origins, directions, cone)
         for bounce in range(BOUNCES + 1):
             if not count:
                 break
             rays = owner[:count], throughput[:count], origins[:count], directions[:count], cone[:count]
             hit = self._tracer.intersect(rays[2], rays[3])
             if bounce == 0:
-                first[owner], reach[owner] = hit["primID"], hit["tfar"]
+                first[rays[0]], reach[rays[0]] = hit["primID"], hit["tfar"]
             count = kernels.follow(
                 hit["primID"], hit["tfar"], hit["u"], hit["v"], *rays, self._tables, bounce == BOUNCES, seen
             )

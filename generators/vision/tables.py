@@ -19,7 +19,7 @@ F64 = NDArray[np.float64]
 #: meet; the same, and light goes through.
 MATTE, SATIN, GLOSSY, CLEAR = 0, 1, 2, 3
 #: From this roughness on no rays are traced, and from `TRACED` on what they meet counts wholly.
-TRACING_LIMIT, TRACED = 0.45, 0.35
+TRACING_LIMIT, TRACED = 0.55, 0.45
 
 
 class SceneTables(NamedTuple):
