@@ -10,8 +10,7 @@ table has the median of the relative difference of luminance, its 90th percentil
 noise of the reference that is left, from two independent halves of its paths. Maps of the difference are written as
 pictures.
 
-``--matte`` takes the gloss from all materials before the room is baked: what is left is matter of light transport
-alone. Our glossy reflection is no physical one; without ``--matte`` the reference uses the same model.
+``--matte`` makes all materials matte: what is left is matter of the light's transport between matte surfaces alone.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ from numpy.typing import NDArray  # noqa: E402
 
 from avs3d_bench.errors import Avs3dError  # noqa: E402
 from avs3d_bench.geometry import Intrinsics, Pose  # noqa: E402
-from generators.core.scene import Scene  # noqa: E402
+from generators.core.scene import Material, Scene  # noqa: E402
 from generators.core.tone import develop  # noqa: E402
 
 F32 = NDArray[np.float32]
@@ -223,7 +222,6 @@ def compare(
     *,
     size: int,
     samples: int,
-    matte: bool = False,
 ) -> list[Comparison]:
     """Render a lit scene with both renderers.
 
@@ -234,12 +232,11 @@ def compare(
         poses: of the camera.
         size: of the pictures (pixels); the field of view is 90°.
         samples: paths per pixel of each half.
-        matte: see `generators.vision.mitsuba_scene.MitsubaScene`.
     """
     from generators.vision.mitsuba_scene import MitsubaScene
 
     camera = Intrinsics.from_fov(size)
-    reference = MitsubaScene(mi, scene, None if room is None else scene.room(room), look="matte" if matte else "lobe")
+    reference = MitsubaScene(mi, scene, None if room is None else scene.room(room))
     views = []
     for number, pose in enumerate(poses):
         ours, label, plane = our_picture(scene, pose, camera)
@@ -261,12 +258,17 @@ def wide_views(scene: Scene, poses: Sequence[Pose], count: int) -> list[Pose]:
     return [poses[span[int(np.argmax(np.array(depth)[span]))]] for span in np.array_split(np.arange(len(poses)), count)]
 
 
-def without_gloss(scene: Scene) -> Scene:
-    """The scene with matte materials and without its light."""
+def with_matte_materials(scene: Scene) -> Scene:
+    """The same lit scene with matte materials of the same colours."""
+
+    def matte(material: Material) -> Material:
+        plain = replace(material, roughness=1.0, metallic=0.0, transmission=0.0, clearcoat=0.0)
+        return replace(plain, normal_map=None, roughness_map=None)
+
     parts = []
     for part in scene.parts:
-        materials = tuple(replace(m, roughness=1.0) for m in part.mesh.materials)
-        parts.append(replace(part, mesh=replace(part.mesh, materials=materials), light=None))
+        materials = tuple(matte(material) for material in part.mesh.materials)
+        parts.append(replace(part, mesh=replace(part.mesh, materials=materials)))
     return replace(scene, parts=tuple(parts))
 
 
@@ -277,7 +279,7 @@ def prepared_room(key: str, cache: Path, *, matte: bool) -> tuple[Scene, str, tu
         Avs3dError: if the manifest has no such observation.
     """
     from generators.homes.store import open_home
-    from generators.lighting.bake import bake, insert
+    from generators.lighting.bake import insert
     from generators.observation.arrangement import arrange
     from generators.options import GenerateOptions
     from generators.plan import make_plans, read_manifest
@@ -289,10 +291,8 @@ def prepared_room(key: str, cache: Path, *, matte: bool) -> tuple[Scene, str, tu
     home = open_home(plan, cache).for_room(plan.spec.room)
     seen = arrange(plan, home)
     parts = tuple(placed.part(number) for number, placed in enumerate(seen.placements, start=1))
-    if matte:
-        home = bake(without_gloss(home), quality=plan.light, workers=1).for_room(plan.spec.room)
-        parts = without_gloss(replace(home, parts=parts)).parts
-    return insert(home, parts), plan.spec.room, seen.poses
+    lit = insert(home, parts)
+    return with_matte_materials(lit) if matte else lit, plan.spec.room, seen.poses
 
 
 def difference_map(view: Comparison) -> NDArray[np.uint8]:
@@ -345,7 +345,7 @@ def table(results: dict[str, dict[str, Agreement]]) -> str:
 @click.option("--views", type=click.IntRange(1, 120), default=2, show_default=True, help="Frames of each observation.")
 @click.option("--size", type=click.IntRange(16), default=160, show_default=True, help="Side of the pictures (pixels).")
 @click.option("--spp", type=click.IntRange(2), default=512, show_default=True, help="Paths per pixel.")
-@click.option("--matte", is_flag=True, help="Take the gloss from all materials.")
+@click.option("--matte", is_flag=True, help="Make all materials matte.")
 @click.option("--variant", help="Variant of Mitsuba; the first of llvm_ad_rgb and scalar_rgb that works if missing.")
 @click.option("--cache", type=click.Path(path_type=Path), help="Folder of baked homes.")
 def main(
@@ -371,7 +371,7 @@ def main(
             started = time.process_time()
             scene, room, poses = prepared_room(key, cache or default_cache(), matte=matte)
             chosen = wide_views(scene, poses, views)
-            found = compare(mi, scene, room, chosen, size=size, samples=spp // 2, matte=matte)
+            found = compare(mi, scene, room, chosen, size=size, samples=spp // 2)
             found = [pooled(view) for view in found]
             results[key] = {name: agreement(found, label) for label, name in enumerate(CLASSES)}
             results[key]["all"] = agreement(found)

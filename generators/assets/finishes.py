@@ -17,12 +17,12 @@ def _material(role: str, acoustic: str, pixels: Image, roughness: float) -> Mate
 
 #: Acoustic label and roughness of the floors of `dry_floor`.
 DRY_FLOORS = {
-    "strips": ("parquet", 0.72),
-    "strips_wide": ("parquet", 0.72),
-    "strips_narrow": ("parquet", 0.64),
-    "herringbone": ("parquet", 0.64),
-    "herringbone_straight": ("parquet", 0.64),
-    "concrete": ("concrete", 0.64),
+    "strips": ("parquet", 0.44),
+    "strips_wide": ("parquet", 0.44),
+    "strips_narrow": ("parquet", 0.36),
+    "herringbone": ("parquet", 0.36),
+    "herringbone_straight": ("parquet", 0.36),
+    "concrete": ("concrete", 0.5),
     "terracotta": ("tile", 0.81),
 }
 
@@ -61,7 +61,7 @@ def _checker(rng: np.random.Generator, colours: tuple[Field, ...]) -> Image:
 
 def wet_floor(role: str, kind: str, colours: tuple[Field, ...], rng: np.random.Generator) -> Material:
     """The floor of a kitchen or bathroom: 2.4 m per repeat."""
-    roughness = 0.49
+    roughness = 0.3
     if kind == "hex":
         pixels = ceramic.hexagons(rng, colours, shift_colour(colours[0], value=-0.2), columns=16)
     elif kind == "square":
@@ -83,9 +83,9 @@ def wet_floor(role: str, kind: str, colours: tuple[Field, ...], rng: np.random.G
     elif kind == "checker":
         pixels = _checker(rng, colours)
     elif kind == "terrazzo":
-        pixels, roughness = surfaces.terrazzo(rng, colours[0], colours[1:]), 0.56
+        pixels, roughness = surfaces.terrazzo(rng, colours[0], colours[1:]), 0.24
     elif kind == "cement":
-        pixels, roughness = ceramic.cement(rng, (colours[0], colours[1], colours[2]), columns=12), 0.72
+        pixels, roughness = ceramic.cement(rng, (colours[0], colours[1], colours[2]), columns=12), 0.5
     elif kind == "terracotta":
         pixels, roughness = ceramic.terracotta(rng, colours[0], colours[1]), 0.81
     else:
@@ -125,7 +125,7 @@ def wall_tiles(role: str, kind: str, colour: Field, grout: Field, rng: np.random
         pixels = ceramic.tiles(rng, colour, grout, tiling=ceramic.Tiling(columns=2, rows=4, mottle=0.05, joint=3.0))
     else:
         raise UsageError(f"unknown wall tile {kind!r}: see the wall_tiles of generators/assets/styles.py")
-    return _material(role, "tile", pixels, 0.42)
+    return _material(role, "tile", pixels, 0.12)
 
 
 def accent_wall(role: str, finish: str, style: Style, rng: np.random.Generator) -> Material:
@@ -144,17 +144,18 @@ def worktop(role: str, spec: str, rng: np.random.Generator) -> Material:
     """A kitchen's worktop, 0.9 m per repeat, of ``kind:value`` (see `Style.worktops`)."""
     kind, value = spec.split(":")
     if kind == "wood":
-        return _material(role, "wood", wood.butcher_block(rng, value), 0.72)
+        return _material(role, "wood", wood.butcher_block(rng, value), 0.45)
     colour = hex_colour(value)
     if kind == "granite":
         minerals = (colour, shift_colour(colour, value=0.35), shift_colour(colour, value=1.0, saturation=-0.3))
-        return _material(role, "ceramic", surfaces.granite(rng, minerals), 0.36)
+        return _material(role, "ceramic", surfaces.granite(rng, minerals), 0.14)
     if kind == "marble":
         sheet = ceramic.marble_sheet(rng, (512, 512), colour, mix(colour, np.full(3, 0.4), np.array([0.75]))[0])
-        return _material(role, "ceramic", np.asarray(np.clip(np.rint(sheet * 255), 0, 255), dtype=np.uint8), 0.36)
+        return _material(role, "ceramic", np.asarray(np.clip(np.rint(sheet * 255), 0, 255), dtype=np.uint8), 0.14)
     if kind == "terrazzo":
         chips = (hex_colour("#8d7a66"), hex_colour("#b9785a"), hex_colour("#6d7a74"))
-        return _material(role, "ceramic", surfaces.terrazzo(rng, colour, chips, size=512), 0.49)
+        return _material(role, "ceramic", surfaces.terrazzo(rng, colour, chips, size=512), 0.2)
     if kind == "steel":
-        return _material(role, "metal", surfaces.brushed(rng, colour), 0.25)
+        steel = Texture(role, surfaces.brushed(rng, colour))
+        return Material(role, "metal", texture=steel, roughness=0.3, metallic=1.0)
     raise UsageError(f"unknown worktop {spec!r}: expected wood:, granite:, marble:, terrazzo: or steel:")

@@ -286,7 +286,7 @@ def _picture(index: int) -> Recipe:
     def make(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
         colours = tuple(hex_colour(style.art[int(k)]) for k in rng.permutation(len(style.art)))
         motif = pictures.PAINTINGS[index % len(pictures.PAINTINGS)]
-        return _textured(role, "paper", pictures.painting(rng, colours, motif=motif))
+        return _textured(role, "paper", pictures.painting(rng, colours, motif=motif), clearcoat=1.0)
 
     return make
 
@@ -360,31 +360,32 @@ _RECIPES: dict[str, Recipe] = {
     "skirting": _boards("skirting"),
     "door_frame": _boards("skirting"),
     "door": _boards("doors"),
-    "window_frame": _boards("frames", 0.56),
-    "window_sill": _tinted("wood", wood.painted, "#e8e6e0", 0.56),
+    "window_frame": _boards("frames", 0.45),
+    "window_sill": _tinted("wood", wood.painted, "#e8e6e0", 0.4),
     "window_view": _drawn("glass", pictures.outdoor, 0.49),
-    "wood": _boards("wood", 0.77),
-    "wood_alt": _boards("wood_alt", 0.77),
+    "wood": _boards("wood", 0.5),
+    "wood_alt": _boards("wood_alt", 0.5),
     "butcher": lambda palette, style, role, rng: finishes.worktop(role, "wood:oak", rng),
-    "front": _boards("fronts", 0.64),
-    "front_upper": _boards("fronts_upper", 0.64),
-    "bath_front": _boards("fronts", 0.56),
-    "white": _tinted("wood", wood.painted, "#e6e4df", 0.64),
+    "front": _boards("fronts", 0.4),
+    "front_upper": _boards("fronts_upper", 0.4),
+    "bath_front": _boards("fronts", 0.36),
+    "white": _tinted("wood", wood.painted, "#e6e4df", 0.4),
     "accent_paint": _paint("accent_paint"),
     "worktop": _worktop,
     "metal": _metal("metal"),
     "tap": _metal("tap"),
-    "chrome": _bare_metal("#c3c6c9", 0.06),
+    "chrome": _bare_metal("#dcdee0", 0.05),
+    "mirror": _bare_metal("#f2f4f4", 0.0),
     "black_metal": _plain("metal", "#3a3a3b", 0.42),
-    "steel": _bare_metal("#b6b9bb", 0.25, surfaces.brushed),
-    "enamel": _plain("metal", "#e6e6e3", 0.36),
-    "radiator": _plain("metal", "#e7e6e2", 0.49),
-    "ceramic": _plain("ceramic", "#e9e8e4", 0.3),
+    "steel": _bare_metal("#c3c5c7", 0.28, surfaces.brushed),
+    "enamel": _plain("metal", "#e6e6e3", 0.2),
+    "radiator": _plain("metal", "#e7e6e2", 0.35),
+    "ceramic": _plain("ceramic", "#e9e8e4", 0.1),
     "ceramic_accent": _paint("accent_paint"),
-    "glass": _plain("glass", "#b9c8ca", 0.16),
-    "black_glass": _plain("glass", "#353638", 0.09),
-    "screen": _drawn("glass", pictures.tv_screen, 0.16),
-    "hob": _drawn("glass", pictures.hob, 0.16),
+    "glass": _plain("glass", "#b9c8ca", 0.05),
+    "black_glass": _plain("glass", "#26272a", 0.04),
+    "screen": _drawn("glass", pictures.tv_screen, 0.12),
+    "hob": _drawn("glass", pictures.hob, 0.04),
     "oven_panel": lambda palette, style, role, rng: _textured(
         role, "metal", pictures.oven_panel(rng, hex_colour("#b6b9bb")), 0.36
     ),
@@ -406,7 +407,7 @@ _RECIPES: dict[str, Recipe] = {
     "bath_mat": _textile("towels", cloth.carpet, "carpet", 1),
     **{f"rug_{k}": _rug(k) for k in range(RUGS)},
     **{f"picture_{k}": _picture(k) for k in range(PICTURES)},
-    "mount_board": _plain("paper", "#e9e6dd"),
+    "mount_board": lambda palette, style, role, rng: Material(role, "paper", _linear("#e9e6dd"), clearcoat=1.0),
     "books": _books,
     "paper": _plain("paper", "#e2dccb"),
     "leaf": _tinted("foliage", pictures.leaf, "#4b7440"),

@@ -66,11 +66,6 @@ class Material:
     transmission: float = 0.0
     clearcoat: float = 0.0
 
-    @property
-    def gloss(self) -> float:
-        """1 − the root of the roughness."""
-        return 1.0 - float(np.sqrt(self.roughness))
-
 
 @dataclass(frozen=True, eq=False)
 class Mesh:

@@ -23,7 +23,7 @@ from generators.lighting.emitters import BRIGHT, Emitters, bright_patches, find_
 from generators.lighting.exposure import expose
 from generators.lighting.gather import BLOCK_CHUNK, CHUNK, open_texels
 from generators.lighting.insertion import insert
-from generators.lighting.interpolation import BlockLight, Slow
+from generators.lighting.interpolation import Slow
 from generators.lighting.lit_scene import LitScene
 from generators.lighting.radiosity import LinkTracer, final_gather, solve
 from generators.lighting.smoothing import fill, smooth, spread
@@ -174,7 +174,6 @@ def _sunlight(texels: Texels, blocks: Blocks, beam: Sun | None, tracer: Tracer, 
             texels.position[own],
             texels.normal[own],
             texels.across[own],
-            texels.gloss[own],
             tracer,
             preset.sun_rays,
             block=blocks.of[own],
@@ -231,7 +230,6 @@ def _direct(
             texels.pattern[texel],
             texels.position[texel],
             texels.normal[texel],
-            texels.gloss[texel],
             tracer.occluded,
             None if besides is None else besides[0][texel],
             block=blocks.of[texel],
@@ -257,7 +255,7 @@ def _direct(
     slow.fill_between(light, variance)
     measured = sites | ~slow.is_slow[blocks.of]
     mean = blocks.mean(light, measured, workers)
-    slow.interpolate(texels, BlockLight(mean, mean), light, measured, workers)
+    slow.interpolate(texels, mean, light, measured, workers)
     variance[slow.is_slow[blocks.of]] = 0.0
     return light, variance
 

@@ -231,7 +231,6 @@ def direct_light(
     pattern: I32,
     position: F32,
     normal: F32,
-    gloss: F32,
     hidden: Occlusion,
     besides: F32 | None = None,
     rays: int | None = None,
@@ -247,7 +246,6 @@ def direct_light(
         pattern: (N,) int32.
         position: (N, 3).
         normal: (N, 3).
-        gloss: (N,).
         hidden: says which of a number of rays do not count.
         besides: (N, 3) light from elsewhere, against which an emitter may be faint.
         rays: shadow rays per texel and emitter; as many as the emitters have targets if missing.
@@ -264,7 +262,7 @@ def direct_light(
     variance = np.zeros(len(position), dtype=np.float64)
     if not len(texel):
         return arrived.astype(np.float32), variance.astype(np.float32)
-    factor = unoccluded_light(emitters, texel, light, position, normal, gloss)
+    factor = unoccluded_light(emitters, texel, light, position, normal)
     total = np.zeros(len(position)) if besides is None else besides.max(axis=1).astype(np.float64)
     # What adds little is worth few rays; the first quarter of the targets is stratified in itself.
     strong, weak = _sorted_by_share(texel, factor, total, faint)

@@ -14,8 +14,6 @@ _NEAR = 2.0
 _FEW = 128
 #: Points that are computed together.
 _LANES = 64
-#: Exponent of the lobe round the normal that stands for the reflection of glossy materials.
-LOBE = 6.0
 
 
 @inline
@@ -88,39 +86,12 @@ def _matte(
             blue[i] += share * glow_blue
 
 
-@inline
-def _glossy(
-    lanes: tuple[F32, ...], count: int, cells: F32, number: int, piece: np.float32, red: F32, green: F32, blue: F32
-) -> None:
-    """The same of the lobe that stands for the reflection of glossy materials."""
-    x, y, z, nx, ny, nz = lanes
-    nothing, pi, tiny = np.float32(0.0), np.float32(np.pi), np.float32(1e-20)
-    strength = np.float32((LOBE + 1.0) / 2.0) * piece
-    for k in range(number):
-        cx, cy, cz = cells[k, 0], cells[k, 1], cells[k, 2]
-        mx, my, mz = cells[k, 3], cells[k, 4], cells[k, 5]
-        glow_red, glow_green, glow_blue = cells[k, 6], cells[k, 7], cells[k, 8]
-        for i in range(count):
-            dx, dy, dz = cx - x[i], cy - y[i], cz - z[i]
-            here = dx * nx[i] + dy * ny[i] + dz * nz[i]
-            there = -(dx * mx + dy * my + dz * mz)
-            here = here if here > nothing else nothing
-            there = there if there > nothing else nothing
-            square = dx * dx + dy * dy + dz * dz + tiny
-            lean = here * here / square  # cos², of which LOBE needs the third power
-            share = strength * lean * lean * lean * there / (np.sqrt(square) * (pi * square + piece))
-            red[i] += share * glow_red
-            green[i] += share * glow_green
-            blue[i] += share * glow_blue
-
-
 @njit
 def _unoccluded(
     texel: NDArray[np.int64],
     light: NDArray[np.int64],
     position: F32,
     normal: F32,
-    gloss: F32,
     area: F32,
     centre: F32,
     radius: F32,
@@ -163,7 +134,7 @@ def _unoccluded(
             if few and far < _NEAR * radius[e]:
                 kind[i] += 4
                 for f in range(start[e], start[e + 1]):
-                    share = (1.0 - gloss[t]) * _polygon(
+                    share = _polygon(
                         position[t, 0],
                         position[t, 1],
                         position[t, 2],
@@ -175,12 +146,11 @@ def _unoccluded(
                     )
                     for c in range(3):
                         factor[first + i, c] += share * glow[f, c]
-        for turn in range(6):
-            level, lobe = turn % 3, turn >= 3
+        for level in range(3):
             number = 0
             for i in range(count):
                 t = texel[first + i]
-                if kind[i] % 4 == level and (gloss[t] > 0.0 if lobe else kind[i] < 4):
+                if kind[i] == level:
                     chosen[number] = i
                     x[number], y[number], z[number] = position[t, 0], position[t, 1], position[t, 2]
                     nx[number], ny[number], nz[number] = normal[t, 0], normal[t, 1], normal[t, 2]
@@ -191,22 +161,17 @@ def _unoccluded(
             parts = cells.shape[1] >> (2 * level)
             piece = np.float32(area[e] / parts)
             points = (x, y, z, nx, ny, nz)
-            if lobe:
-                _glossy(points, number, cells[e], parts, piece, red, green, blue)
-            else:
-                _matte(points, number, cells[e], parts, piece, red, green, blue)
+            _matte(points, number, cells[e], parts, piece, red, green, blue)
             for k in range(number):
                 i = chosen[k]
-                g = gloss[texel[first + i]]
-                weight = g if lobe else 1.0 - g
-                factor[first + i, 0] += weight * red[k] * balance[e, level, 0]
-                factor[first + i, 1] += weight * green[k] * balance[e, level, 1]
-                factor[first + i, 2] += weight * blue[k] * balance[e, level, 2]
+                factor[first + i, 0] += red[k] * balance[e, level, 0]
+                factor[first + i, 1] += green[k] * balance[e, level, 1]
+                factor[first + i, 2] += blue[k] * balance[e, level, 2]
         first += count
 
 
 def unoccluded_light(
-    emitters: Emitters, texel: NDArray[np.int64], light: NDArray[np.int64], position: F32, normal: F32, gloss: F32
+    emitters: Emitters, texel: NDArray[np.int64], light: NDArray[np.int64], position: F32, normal: F32
 ) -> F32:
     """(pairs, 3) float32 light of an emitter on a white surface if nothing hid it."""
     factor = np.zeros((len(texel), 3), dtype=np.float32)
@@ -215,7 +180,6 @@ def unoccluded_light(
         light,
         position,
         normal,
-        gloss,
         emitters.area,
         emitters.centre,
         emitters.radius,

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from generators.core.low_discrepancy import cosine_directions
 from generators.core.scene import F32, I32, LightMap, Part, Scene
 from generators.lighting.blocks import make_blocks
 from generators.lighting.direct import direct_light
@@ -23,7 +24,7 @@ from generators.lighting.shadowing import shadowed
 from generators.lighting.smoothing import fill, smooth, spread
 from generators.lighting.sun import sun_light
 from generators.lighting.surfaces import LitSurfaces, in_chunks
-from generators.lighting.surroundings import RAYS, SAMPLES, WORKERS, Objects, Surroundings, behind, bundle
+from generators.lighting.surroundings import RAYS, SAMPLES, WORKERS, Objects, Surroundings, behind
 from generators.lighting.texels import Sheet
 from generators.lighting.unwrap import LightMapLayout, unwrap
 
@@ -111,7 +112,6 @@ class Gathered:
     Attributes:
         direct: (N, 3) light of emitters and the sun.
         noise: (N,) variance of the luminance of what rays find.
-        weight: (N, n) weights of the rays.
         face: (N·n,) face of the room that a ray meets, -1 where it meets an object, `OUTSIDE` where nothing.
         v: (N·n,) weight of the face's second corner.
         w: (N·n,) weight of its third corner.
@@ -121,7 +121,6 @@ class Gathered:
 
     direct: F32
     noise: F32
-    weight: F32
     face: I32
     v: F32
     w: F32
@@ -133,10 +132,9 @@ def gather_light(objects: Objects, room: Surroundings) -> Gathered:
     """Gather the surfaces that the objects' texels see, and the light that reaches them directly."""
     texels = objects.texels
     count = len(texels)
-    table, narrow = bundle()
+    table = cosine_directions(RAYS)
     direct, shadow_noise = np.zeros((count, 3), dtype=np.float32), np.zeros(count, dtype=np.float32)
     noise = np.zeros(count, dtype=np.float32)
-    weight = np.zeros((count, RAYS), dtype=np.float32)
     links = np.full((count, RAYS), -1, dtype=np.int32)
     face = np.full(count * RAYS, -1, dtype=np.int32)
     v, w = np.zeros(count * RAYS, dtype=np.float32), np.zeros(count * RAYS, dtype=np.float32)
@@ -150,7 +148,7 @@ def gather_light(objects: Objects, room: Surroundings) -> Gathered:
     def work(first: int, last: int) -> None:
         part, rays = slice(first, last), slice(first * RAYS, last * RAYS)
         position, normal, pattern = texels.position[part], texels.normal[part], texels.pattern[part]
-        gloss, across = texels.gloss[part], texels.across[part]
+        across = texels.across[part]
         under = objects.surfaces.face_normal[texels.face[part]]
         origins, directions = hemisphere_rays(position, normal, under, pattern, table)
         hits = room.tracer.intersect(origins, directions)
@@ -168,25 +166,24 @@ def gather_light(objects: Objects, room: Surroundings) -> Gathered:
         face[rays], v[rays], w[rays] = np.where(met, -1, found), hits["u"], hits["v"]
         seen = room.dim.reflected(face[rays], v[rays], w[rays]).mean(axis=1)
         noise[part] = seen.reshape(-1, RAYS).var(axis=1) / RAYS
-        weight[part] = (1 - gloss)[:, None] / np.float32(RAYS) + gloss[:, None] * narrow[pattern]
         free = np.flatnonzero(~buried[part])
         free = free[np.argsort(tile[free + first], kind="stable")]
-        position, normal, pattern, gloss = position[free], normal[free], pattern[free], gloss[free]
+        position, normal, pattern = position[free], normal[free], pattern[free]
         own = free + first
         kind = objects.surfaces.part[texels.face[own]]
         direct[own], shadow_noise[own] = direct_light(
-            room.emitters, reach[kind], pattern, position, normal, gloss, hidden, block=tile[own], sparing=False
+            room.emitters, reach[kind], pattern, position, normal, hidden, block=tile[own], sparing=False
         )
         if room.sun is not None:
             direct[own] += sun_light(
-                room.sun, pattern, position, normal, across[free], gloss, room.tracer, SAMPLES, objects=objects.tracer
+                room.sun, pattern, position, normal, across[free], room.tracer, SAMPLES, objects=objects.tracer
             )
 
     in_chunks(work, count, CHUNK, WORKERS)
     closed = np.float32(-1.0)
     shadow_noise = np.where(buried, closed, shadow_noise)
     direct = smooth(objects.surfaces, objects.sheet, texels, direct, shadow_noise, 2.0)
-    return Gathered(direct, np.where(buried, closed, noise), weight, face, v, w, links, ~buried)
+    return Gathered(direct, np.where(buried, closed, noise), face, v, w, links, ~buried)
 
 
 def light_on(objects: Objects, room: LitScene, gathered: Gathered) -> F32:
@@ -197,17 +194,17 @@ def light_on(objects: Objects, room: LitScene, gathered: Gathered) -> F32:
     def work(first: int, last: int) -> None:
         rays = slice(first * RAYS, last * RAYS)
         seen = room.reflected(gathered.face[rays], gathered.v[rays], gathered.w[rays]).reshape(-1, RAYS, 3)
-        arrived[first:last] = np.einsum("ik,ikc->ic", gathered.weight[first:last], seen)
+        arrived[first:last] = seen.mean(axis=1)
 
     in_chunks(work, count, CHUNK, WORKERS)
     light = gathered.direct + arrived
     linked = np.flatnonzero((gathered.links >= 0).any(axis=1) & gathered.is_open)
-    links, weight = gathered.links[linked], gathered.weight[linked]
+    links = gathered.links[linked]
     for _ in range(_BOUNCES):
         radiance = np.where(gathered.is_open[:, None], texels.albedo * light, np.float32(0.0))
         bounced = np.where(links[..., None] >= 0, radiance[links], np.float32(0.0))
         light = gathered.direct + arrived
-        light[linked] += np.einsum("ik,ikc->ic", weight, bounced)
+        light[linked] += bounced.mean(axis=1)
     indirect = smooth(objects.surfaces, objects.sheet, texels, light - gathered.direct, gathered.noise, 3.0)
     filled = fill(objects.surfaces, objects.sheet, texels, gathered.direct + indirect, gathered.is_open)
     return spread(objects.sheet, texels, filled)

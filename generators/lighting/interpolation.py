@@ -36,19 +36,6 @@ _RIDGE = 0.5
 _TEXELS, _BLOCKS = 1 << 14, 1 << 12
 
 
-@dataclass(frozen=True, eq=False)
-class BlockLight:
-    """Light of blocks.
-
-    Attributes:
-        flat: (B, 3) float32 light of a matte surface.
-        lobe: (B, 3) float32 light of a wholly glossy one.
-    """
-
-    flat: F32
-    lobe: F32
-
-
 def _around(blocks: Blocks, workers: int = 1) -> I32:
     """(B, 25) the blocks in the tiles around each block, of the same chart; -1 where there is none."""
     if not len(blocks):
@@ -77,13 +64,11 @@ def _fit(
     of: I32,
     place: F32,
     normal: F32,
-    gloss: F32,
     around: I32,
     centre: F32,
     facing: F32,
     trust: F32,
-    flat: F32,
-    lobe: F32,
+    light: F32,
     radius: float,
     ridge: float,
     out: F32,
@@ -115,10 +100,9 @@ def _fit(
             sum_xx += w * x * x
             sum_xy += w * x * y
             sum_yy += w * y * y
-        g = gloss[t]
         if sum_w <= 0.0:
             for c in range(3):
-                out[t, c] = (1.0 - g) * flat[b, c] + g * lobe[b, c]
+                out[t, c] = light[b, c]
             continue
         mean_x, mean_y = sum_x / sum_w, sum_y / sum_w
         xx, xy = sum_xx / sum_w - mean_x * mean_x + ridge, sum_xy / sum_w - mean_x * mean_y
@@ -132,9 +116,9 @@ def _fit(
             other = around[b, k]
             x, y = centre[other, 0] - place[t, 0], centre[other, 1] - place[t, 1]
             w = weight[k] / sum_w * (1.0 - slope_x * (x - mean_x) - slope_y * (y - mean_y))
-            red += w * ((1.0 - g) * flat[other, 0] + g * lobe[other, 0])
-            green += w * ((1.0 - g) * flat[other, 1] + g * lobe[other, 1])
-            blue += w * ((1.0 - g) * flat[other, 2] + g * lobe[other, 2])
+            red += w * light[other, 0]
+            green += w * light[other, 1]
+            blue += w * light[other, 2]
         out[t, 0], out[t, 1], out[t, 2] = max(red, 0.0), max(green, 0.0), max(blue, 0.0)
 
 
@@ -302,7 +286,7 @@ class Slow:
     def interpolate(
         self,
         texels: Texels,
-        light: BlockLight,
+        light: F32,
         out: F32,
         measured: NDArray[np.bool_] | None = None,
         workers: int = 1,
@@ -313,7 +297,7 @@ class Slow:
 
         Args:
             texels: the texels.
-            light: of the blocks.
+            light: (B, 3) float32 of the blocks.
             out: (N, 3) float32.
             measured: (N,) which texels a block's light is the mean of; all if missing.
             workers: threads; the result does not depend on them.
@@ -328,13 +312,11 @@ class Slow:
                 blocks.of,
                 self.place,
                 texels.normal,
-                texels.gloss,
                 self.around,
                 centre,
                 self.facing,
                 self.trust,
-                light.flat,
-                light.lobe,
+                light,
                 _RADIUS,
                 _RIDGE,
                 out,

@@ -21,7 +21,7 @@ from generators.core.rays import Tracer
 from generators.core.scene import F32, I32
 from generators.lighting.blocks import Blocks
 from generators.lighting.gather import CHUNK, cells_at, hemisphere_rays
-from generators.lighting.interpolation import BlockLight, Slow
+from generators.lighting.interpolation import Slow
 from generators.lighting.surfaces import LitSurfaces, in_chunks
 from generators.lighting.texels import Sheet, Texels
 
@@ -166,9 +166,7 @@ class LinkTracer:
         in_chunks(work, len(chosen), _LINK_CHUNK * self.tracer.calls_together, self.workers)
 
 
-def solve(
-    texels: Texels, blocks: Blocks, links: Links, direct: F32, sampled: F32, workers: int = 1
-) -> tuple[F32, BlockLight]:
+def solve(texels: Texels, blocks: Blocks, links: Links, direct: F32, sampled: F32, workers: int = 1) -> tuple[F32, F32]:
     """The blocks' reflected radiance (B, 3), without emission and without what is sampled as an emitter, and its light.
 
     Args:
@@ -180,7 +178,7 @@ def solve(
         workers: threads; the result does not depend on them.
 
     Returns:
-        The radiance, and the indirect light that comes to the blocks from it.
+        The radiance, and the indirect light (B, 3) that comes to the blocks from it.
     """
     albedo = blocks.mean(texels.albedo, workers=workers)
     own = blocks.mean(direct, workers=workers)
@@ -200,19 +198,14 @@ def solve(
         radiance = after
         if not len(blocks) or change <= _TOLERANCE * float(radiance.mean(dtype=np.float64)):
             break
-    lights = []
-    for share in (0.0, 1.0):
-        gloss = np.full(len(blocks), share, dtype=np.float32)
-        light, spread = np.zeros((len(blocks), 3), dtype=np.float32), np.zeros(len(blocks), dtype=np.float32)
+    light, spread = np.zeros((len(blocks), 3), dtype=np.float32), np.zeros(len(blocks), dtype=np.float32)
 
-        def collect(first: int, last: int, gloss: F32 = gloss, light: F32 = light, spread: F32 = spread) -> None:
-            part = slice(first, last)
-            rows = links.block[part].reshape(-1)
-            _collect(rows, radiance, links.colour[part], links.table, gloss[part], light[part], spread[part])
+    def collect(first: int, last: int) -> None:
+        part = slice(first, last)
+        _collect(links.block[part].reshape(-1), radiance, links.block.shape[1], light[part], spread[part])
 
-        in_chunks(collect, len(blocks), _SOLVE_CHUNK, workers)
-        lights.append(light)
-    return radiance, BlockLight(*lights)
+    in_chunks(collect, len(blocks), _SOLVE_CHUNK, workers)
+    return radiance, light
 
 
 @njit
@@ -234,35 +227,29 @@ def _blocks_met(surfaces: LitSurfaces, sheet: Sheet, texels: Texels, blocks: Blo
 
 
 @njit
-def _collect(block: I32, radiance: F32, pattern: I32, table: F32, gloss: F32, light: F32, variance: F32) -> None:
-    count = table.shape[1]
+def _collect(block: I32, radiance: F32, count: int, light: F32, variance: F32) -> None:
+    """Mean of the radiance that ``count`` rays of each point meet, and the variance of this mean."""
     for i in range(len(light)):
         flat = np.zeros(3)
-        lobe = np.zeros(3)
-        weight = square = bright = 0.0
+        square = bright = 0.0
         seen = 0
         for k in range(count):
             b = block[i * count + k]
             if b < -1:
                 continue
             seen += 1
-            up = table[pattern[i], k, 2]
-            narrow = up * up * up * up * up if gloss[i] > 0.0 else 0.0  # to the power LOBE - 1
-            weight += narrow
             if b < 0:
                 continue
             luminance = 0.0
             for c in range(3):
                 flat[c] += radiance[b, c]
-                lobe[c] += narrow * radiance[b, c]
                 luminance += radiance[b, c] / 3.0
             bright += luminance
             square += luminance * luminance
         if seen == 0:
             continue
-        g = gloss[i]
         for c in range(3):
-            light[i, c] = (1.0 - g) * flat[c] / seen + g * lobe[c] / max(weight, 1e-9)
+            light[i, c] = flat[c] / seen
         variance[i] = max(square / seen - (bright / seen) ** 2, 0.0) / seen
 
 
@@ -271,7 +258,7 @@ def final_gather(
     sheet: Sheet,
     texels: Texels,
     blocks: Blocks,
-    bounced: tuple[F32, BlockLight],
+    bounced: tuple[F32, F32],
     slow: Slow,
     tracer: Tracer,
     *,
@@ -305,7 +292,7 @@ def final_gather(
         origins, directions = hemisphere_rays(texels.position[texel], texels.normal[texel], under, pattern, table)
         block = _blocks_met(surfaces, sheet, texels, blocks, tracer.intersect(origins, directions))
         here, spread = np.zeros((len(texel), 3), dtype=np.float32), np.zeros(len(texel), dtype=np.float32)
-        _collect(block, radiance, pattern, table, texels.gloss[texel], here, spread)
+        _collect(block, radiance, rays, here, spread)
         light[texel], variance[texel] = here, spread
 
     in_chunks(work, len(chosen), CHUNK * tracer.calls_together, workers)

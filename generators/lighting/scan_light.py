@@ -353,8 +353,7 @@ def _form_factors(lit: LitScene, patches: _Patches, region: _Region) -> NDArray[
     places, facing = patches.position.reshape(-1, 3), patches.normal.reshape(-1, 3)
     pattern = (np.arange(len(places)) % PATTERNS).astype(np.int32)
     reach = np.ones((len(places), len(emitters)), dtype=bool)
-    gloss = np.zeros(len(places), dtype=np.float32)
-    light, _ = direct_light(emitters, reach, pattern, places, facing, gloss, lit.tracer.occluded)
+    light, _ = direct_light(emitters, reach, pattern, places, facing, lit.tracer.occluded)
     return np.asarray(light[:, 0].reshape(count, -1).mean(axis=1, dtype=np.float64))
 
 

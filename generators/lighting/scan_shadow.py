@@ -228,10 +228,7 @@ def received(room: Surroundings, texel: NDArray[np.int64]) -> F32:
         face = np.where(hits["primID"] < 0, OUTSIDE, hits["primID"])
         light[first:last] = room.dim.reflected(face, hits["u"], hits["v"]).reshape(len(own), RAYS, 3).mean(axis=1)
         reach = np.repeat(every, len(own), axis=0)
-        gloss = texels.gloss[own]
-        light[first:last] += direct_light(
-            room.emitters, reach, pattern, position, normal, gloss, hidden, rays=_SHADOW_RAYS
-        )[0]
+        light[first:last] += direct_light(room.emitters, reach, pattern, position, normal, hidden, rays=_SHADOW_RAYS)[0]
 
     in_chunks(measure, len(places), CHUNK, WORKERS)
     # A turn of the normal by one radian counts like 20 cm.

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generators.core.arrays import dot_rows
+from generators.core.low_discrepancy import cosine_directions
 from generators.core.scene import F32, Part
 from generators.lighting.direct import direct_light
 from generators.lighting.emitters import Emitters
@@ -22,7 +23,7 @@ from generators.lighting.scan_shadow import BUMPS, beyond_bumps, displayed, rece
 from generators.lighting.smoothing import fill, smooth
 from generators.lighting.sun import sun_light
 from generators.lighting.surfaces import in_chunks
-from generators.lighting.surroundings import RAYS, SAMPLES, WORKERS, Objects, Surroundings, behind, bundle, nearest_box
+from generators.lighting.surroundings import RAYS, SAMPLES, WORKERS, Objects, Surroundings, behind, nearest_box
 
 #: How far objects take light from the room's surfaces (metres), fading out over the last part of it.
 REACH = 1.2
@@ -127,7 +128,7 @@ def _lost_light(room: Surroundings, objects: Objects, distance: F32, cells: F32)
     """Light (N, 3) that the objects take from the room's texels (negative: give), and which texels they do not bury."""
     base, texels = room.lit, room.texels
     count = len(texels)
-    table, narrow = bundle()
+    table = cosine_directions(RAYS)
     lost, beam = np.zeros((count, 3), dtype=np.float32), np.zeros((count, 3), dtype=np.float32)
     noise = np.zeros(count, dtype=np.float32)
     known = np.ones(count, dtype=bool)
@@ -158,7 +159,6 @@ def _lost_light(room: Surroundings, objects: Objects, distance: F32, cells: F32)
     def around(first: int, last: int) -> None:
         texel = near[first:last]
         position, normal, pattern = texels.position[texel], texels.normal[texel], texels.pattern[texel]
-        gloss = texels.gloss[texel]
         under = base.surfaces.face_normal[texels.face[texel]]
         origins, directions = hemisphere_rays(position, normal, under, pattern, table)
         hits = objects.tracer.intersect(origins, directions)
@@ -168,16 +168,14 @@ def _lost_light(room: Surroundings, objects: Objects, distance: F32, cells: F32)
         first_met = hits["tfar"] < beyond["tfar"] + bumps
         back = behind(objects.surfaces, hits["primID"], directions[rays]) & first_met
         buried = np.bincount(rays[back] // RAYS, minlength=len(texel)) > 0.5 * RAYS
-        weight = (1 - gloss)[:, None] / np.float32(RAYS) + gloss[:, None] * narrow[pattern]
         change = (_reflected(room.dim, beyond) - _reflected(shade, hits)) * first_met[:, None]
         owner = rays // RAYS
-        share = weight.ravel()[rays]
-        here = np.stack([np.bincount(owner, share * change[:, c], minlength=len(texel)) for c in range(3)], axis=1)
+        here = np.stack([np.bincount(owner, change[:, c], minlength=len(texel)) for c in range(3)], axis=1) / RAYS
         square = np.bincount(owner, change.mean(axis=1) ** 2, minlength=len(texel)) / RAYS
         spread_ = np.maximum(square - here.mean(axis=1) ** 2, 0.0) / RAYS
         selected = reach & _between(room.emitters, position, boxes)
         direct, shadow_noise = direct_light(
-            room.emitters, selected, pattern, position, normal, gloss, taken, rays=_SHADOW_RAYS
+            room.emitters, selected, pattern, position, normal, taken, rays=_SHADOW_RAYS
         )
         lost[texel] = here + direct
         noise[texel] = spread_ + shadow_noise
@@ -192,7 +190,6 @@ def _lost_light(room: Surroundings, objects: Objects, distance: F32, cells: F32)
                 texels.position[part],
                 texels.normal[part],
                 texels.across[part],
-                texels.gloss[part],
                 base.tracer,
                 SAMPLES,
                 objects=objects.tracer,

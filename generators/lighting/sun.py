@@ -16,7 +16,6 @@ from generators.core.low_discrepancy import PATTERNS, net, square_points
 from generators.core.rays import Tracer
 from generators.core.scene import F32, I32
 from generators.lighting.emitters import face_areas, face_groups
-from generators.lighting.form_factors import LOBE
 from generators.lighting.surfaces import LitSurfaces
 
 #: Radiance of a white surface that faces the sun, over that of the brightest window pane.
@@ -157,7 +156,6 @@ def sun_light(
     position: F32,
     normal: F32,
     across: F32,
-    gloss: F32,
     tracer: Tracer,
     samples: int,
     *,
@@ -173,7 +171,6 @@ def sun_light(
         position: (N, 3) float32.
         normal: (N, 3) float32.
         across: (N, 2, 3) float32; the rays start all over the texel.
-        gloss: (N,) float32.
         tracer: the room.
         samples: rays per texel.
         objects: things that are in the way besides.
@@ -229,6 +226,5 @@ def sun_light(
         arrived[mixed] += arrivals(facing[mixed], few, samples)
         number[~mixed] = few
     share = arrived / number
-    g, c = gloss[facing], cosine[facing]
-    light[facing] = (share * ((1 - g) * c + g * (LOBE + 1) / 2 * c**LOBE))[:, None] * sun.radiance
+    light[facing] = (share * cosine[facing])[:, None] * sun.radiance
     return light

@@ -38,10 +38,9 @@ class LitSurfaces:
         face_normal: (F, 3) float32 unit geometric normals (zero for a degenerate face).
         uv: (F, 3, 2) float32 texture coordinates.
         part: (F,) int32 index of the part.
-        material: (F,) int32 index into the four following.
+        material: (F,) int32 index into the three following.
         colour: (M, 3) float32 albedo factor.
         emission: (M, 3) float32 radiance.
-        gloss: (M,) float32.
         glass: (M,) bool, whether it sounds like glass: the panes of windows do.
         image: (M, 3) int64: offset into ``pixels``, rows, columns of the material's texture.
         pixels: (T, 3) float32 linear-light texture values.
@@ -55,7 +54,6 @@ class LitSurfaces:
     material: I32
     colour: F32
     emission: F32
-    gloss: F32
     glass: NDArray[np.bool_]
     image: NDArray[np.int64]
     pixels: F32
@@ -73,7 +71,6 @@ class LitSurfaces:
         face_normal = np.where(length > 0, cross / np.where(length > 0, length, 1.0), 0.0).astype(np.float32)
         colour: list[tuple[float, float, float]] = []
         emission: list[tuple[float, float, float]] = []
-        gloss: list[float] = []
         glass: list[bool] = []
         image: list[tuple[int, int, int]] = []
         pixels = [np.ones((1, 3), dtype=np.float32)]
@@ -85,7 +82,6 @@ class LitSurfaces:
             for m in part.mesh.materials:
                 colour.append(m.colour)
                 emission.append(m.emission)
-                gloss.append(m.gloss)
                 glass.append(m.acoustic == "glass")
                 if m.texture is None:
                     image.append((0, 1, 1))
@@ -106,7 +102,6 @@ class LitSurfaces:
             material=np.concatenate(material).astype(np.int32),
             colour=np.array(colour, dtype=np.float32),
             emission=np.array(emission, dtype=np.float32),
-            gloss=np.array(gloss, dtype=np.float32),
             glass=np.array(glass, dtype=bool),
             image=np.array(image, dtype=np.int64),
             pixels=np.concatenate(pixels),

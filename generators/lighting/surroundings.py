@@ -7,12 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from generators.core.low_discrepancy import cosine_directions
 from generators.core.rays import Tracer
 from generators.core.scene import F32, I32, Scene
 from generators.lighting.direct import shadow_rays
 from generators.lighting.emitters import BRIGHT, Emitters, bright_patches, find_emitters
-from generators.lighting.form_factors import LOBE
 from generators.lighting.lit_scene import LitScene
 from generators.lighting.scan_light import emitters_of, without_emitters
 from generators.lighting.sun import Sun, find_sun
@@ -162,13 +160,6 @@ def nearest_box(position: F32, boxes: list[F32]) -> F32:
         gap = np.maximum(np.maximum(box[0] - position, position - box[1]), 0.0)
         distance = np.minimum(distance, np.linalg.norm(gap, axis=1))
     return distance
-
-
-def bundle() -> tuple[F32, F32]:
-    """Directions (16, n, 3) of a texel's rays, and (16, n) their weights for a glossy surface, of sum 1."""
-    table = cosine_directions(RAYS)
-    narrow = table[..., 2] ** np.float32(LOBE - 1.0)
-    return table, np.asarray(narrow / narrow.sum(axis=1, keepdims=True), dtype=np.float32)
 
 
 def behind(surfaces: LitSurfaces, face: I32, directions: F32) -> NDArray[np.bool_]:

@@ -77,7 +77,6 @@ class Texels:
         normal: (N, 3) float32 shading normal.
         across: (N, 2, 3) float32, the surface vectors of one texel along columns and rows.
         albedo: (N, 3) float32.
-        gloss: (N,) float32.
         area: (N,) float32 of the surface it stands for, square metres; 0 where its centre lies beside the face.
     """
 
@@ -89,7 +88,6 @@ class Texels:
     normal: F32
     across: F32
     albedo: F32
-    gloss: F32
     area: F32
 
     def __len__(self) -> int:
@@ -128,7 +126,7 @@ def rasterise(surfaces: LitSurfaces, sheet: Sheet, wanted: NDArray[np.bool_] | N
     count = len(cell)
     position, normal = np.zeros((count, 3), dtype=np.float32), np.zeros((count, 3), dtype=np.float32)
     across = np.zeros((count, 2, 3), dtype=np.float32)
-    albedo, gloss = np.empty((count, 3), dtype=np.float32), np.empty(count, dtype=np.float32)
+    albedo = np.empty((count, 3), dtype=np.float32)
     area, pattern = np.empty(count, dtype=np.float32), np.empty(count, dtype=np.int32)
 
     def properties(first: int, last: int) -> None:
@@ -138,7 +136,6 @@ def rasterise(surfaces: LitSurfaces, sheet: Sheet, wanted: NDArray[np.bool_] | N
         inside = weights[cell[own]]
         pattern[own] = pattern_of((local % width).astype(np.int32), (local // width).astype(np.int32))
         albedo[own] = albedo_at(surfaces, face[own], inside[:, 0], inside[:, 1])
-        gloss[own] = surfaces.gloss[surfaces.material[face[own]]]
         _properties(
             face[own],
             inside,
@@ -163,7 +160,6 @@ def rasterise(surfaces: LitSurfaces, sheet: Sheet, wanted: NDArray[np.bool_] | N
         normal=normal,
         across=across,
         albedo=albedo,
-        gloss=gloss,
         area=area,
     )
 

@@ -1,12 +1,14 @@
 """The CPU renderer: Embree finds what each ray meets, numba kernels shade it.
 
 One ray through each pixel's centre gives depth, instance ids and, with a texture filtered over the pixel's footprint,
-the colour inside surfaces. Only pixels at edges are shot again, with several rays in fixed places, and averaged.
+the colour inside surfaces. What reflects sends further rays (`generators.vision.reflections`). Only pixels at edges are
+shot again, with several rays in fixed places, and averaged.
 """
 
 from __future__ import annotations
 
 import copy
+from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
@@ -17,17 +19,14 @@ from avs3d_bench.geometry import Intrinsics, Pose
 from generators.core.freespace import Navigable
 from generators.core.rays import CHUNK, Tracer, repeated
 from generators.core.scene import Scene
-from generators.core.tone import WHITE, linear_table, srgb_table, tone_table
+from generators.core.tone import WHITE, srgb_table, tone_table
 from generators.vision.base import RenderedView
 from generators.vision.sampling import SUB_PIXELS, thin_faces
-from generators.vision.tables import build_tables
+from generators.vision.tables import MATTE, build_tables
 from generators.vision.views import check_camera, trial_scene, view_of
 
 if TYPE_CHECKING:
     from generators.vision.kernels import PinholeView
-
-#: Radiance (times exposure) that `EmbreeSession.radiance` can tell: sixty times that of the brightest bulb.
-MOST_RADIANCE = 4096.0
 
 
 class EmbreeBackend:
@@ -66,6 +65,7 @@ class EmbreeSession:
     def __init__(self, scene: Scene, intrinsics: Intrinsics) -> None:
         check_camera(intrinsics)
         from generators.vision import kernels
+        from generators.vision.reflections import Reflections
 
         self._kernels = kernels
         self._intrinsics = intrinsics
@@ -76,14 +76,17 @@ class EmbreeSession:
         self._tone = tone_table()
         self._srgb = srgb_table()
         self._rows = max(1, CHUNK // intrinsics.width)
+        self._reflections = Reflections(tables, self._tracer) if (tables.shine != MATTE).any() else None
         self._allocate()
 
     def _allocate(self) -> None:
         """Make the working memory of a frame."""
         width, height = self._intrinsics.width, self._intrinsics.height
         self._face = np.empty(width * height, dtype=np.int32)
+        self._pixels = np.arange(width * height, dtype=np.int32)
         self._directions = np.empty((max(CHUNK, width), 3), dtype=np.float32)
         self._light = np.empty((max(CHUNK, width), 3), dtype=np.float32)
+        self._radiance = np.empty((width * height, 3), dtype=np.float32)
 
     def render(self, pose: Pose) -> RenderedView:
         """Render the scene from ``pose``; the same pose gives the same bytes.
@@ -113,40 +116,21 @@ class EmbreeSession:
             pose: of the camera.
 
         Returns:
-            (H, W, 3) float32 radiance times the scene's exposure, up to `MOST_RADIANCE`, and (H, W) int32 the face that
-            each pixel shows, counted through all parts, −1 for none. Faces with `Material.shown` and the pictures of a
-            scan are not radiance: they are given as they are displayed.
+            (H, W, 3) float32 radiance times the scene's exposure, and (H, W) int32 the face that each pixel shows,
+            counted through all parts, −1 for none. Faces with `Material.shown` and the pictures of a scan are not
+            radiance: they are given as they are displayed.
 
         Raises:
             Avs3dError: if the session has been closed.
         """
         if self._tracer is None:
             raise Avs3dError("the renderer's session is closed; open the scene again")
-        view, kernels = view_of(self._intrinsics, pose), self._kernels
-        table = linear_table() * np.float32(MOST_RADIANCE)
-        light = np.empty((view.height * view.width, 3), dtype=np.float32)
-        face = np.empty(len(light), dtype=np.int32)
-        for first in range(0, view.height, self._rows):
-            rows = min(self._rows, view.height - first)
-            block = slice(first * view.width, (first + rows) * view.width)
-            directions = self._directions[: rows * view.width]
-            kernels.centre_directions(view, first, rows, directions)
-            hit = self._tracer.intersect(repeated(view.origin, len(directions)), directions)
-            face[block] = hit["primID"]
-            kernels.shade(
-                hit["primID"],
-                hit["tfar"],
-                hit["u"],
-                hit["v"],
-                directions,
-                view,
-                1.0,
-                self._tables,
-                table,
-                MOST_RADIANCE,
-                light[block],
-            )
-        return light.reshape(view.height, view.width, 3), face.reshape(view.height, view.width)
+        view = view_of(self._intrinsics, pose)
+        for _ in self._trace_centres(self._tracer, view):
+            pass
+        self._add_reflections(view)
+        shape = view.height, view.width
+        return self._radiance.reshape(*shape, 3).copy(), self._face.reshape(shape).copy()
 
     @property
     def faces(self) -> np.ndarray:
@@ -157,30 +141,59 @@ class EmbreeSession:
         """The same scene and tables with working memory of its own: Embree and the kernels only read them."""
         other = copy.copy(self)
         other._allocate()
+        if self._reflections is not None:
+            other._reflections = self._reflections.share()
         return other
 
     def close(self) -> None:
         """Free the resources of the session; closing twice is allowed."""
         if self._tracer is not None:
-            self._tracer = None
+            self._tracer = self._reflections = None
             del self._tables, self._thin
+
+    def _trace_centres(self, tracer: Tracer, view: PinholeView) -> Iterator[tuple[slice, dict[str, np.ndarray]]]:
+        """One ray through the centre of each pixel, some rows at a time.
+
+        Fills ``self._face``, and ``self._radiance`` without the lobes of what reflects.
+
+        Yields:
+            The pixels and what their rays meet.
+        """
+        kernels = self._kernels
+        if self._reflections is not None:
+            self._reflections.begin(view.width, view.height)
+        for first in range(0, view.height, self._rows):
+            rows = min(self._rows, view.height - first)
+            count = rows * view.width
+            block = slice(first * view.width, first * view.width + count)
+            directions, light = self._directions[:count], self._radiance[block]
+            kernels.centre_directions(view, first, rows, directions)
+            hit = tracer.intersect(repeated(view.origin, count), directions)
+            self._face[block] = hit["primID"]
+            self._shade(hit, directions, view, 1.0, light)
+            if self._reflections is not None:
+                self._reflections.trace(hit, directions, view, block, light)
+            yield block, hit
+
+    def _add_reflections(self, view: PinholeView) -> None:
+        if self._reflections is not None:
+            self._reflections.add(self._face, self._radiance)
 
     def _shoot_centres(
         self, tracer: Tracer, view: PinholeView, rgb: np.ndarray, depth: np.ndarray, ids: np.ndarray
     ) -> None:
         """One ray through the centre of each pixel; fills the whole frame and ``self._face``."""
         kernels, tables = self._kernels, self._tables
-        for first in range(0, view.height, self._rows):
-            rows = min(self._rows, view.height - first)
-            count = rows * view.width
-            block = slice(first * view.width, first * view.width + count)
-            directions, light = self._directions[:count], self._light[:count]
-            kernels.centre_directions(view, first, rows, directions)
-            hit = tracer.intersect(repeated(view.origin, count), directions)
-            face = hit["primID"]
-            self._face[block] = face
-            kernels.write_geometry(face, hit["tfar"], tables, depth[block], ids[block])
-            self._shade(hit, directions, view, 1.0, light)
+        hits = []
+        for block, hit in self._trace_centres(tracer, view):
+            kernels.write_geometry(hit["primID"], hit["tfar"], tables, depth[block], ids[block])
+            hits.append((block, hit))
+        self._add_reflections(view)
+        for block, hit in hits:
+            light = self._radiance[block]
+            kernels.develop(hit["primID"], tables, self._tone, WHITE, light)
+            directions = self._directions[: len(light)]
+            kernels.centre_directions(view, block.start // view.width, len(light) // view.width, directions)
             self._keep(hit, directions, view, 1.0, light, block)
             kernels.encode(light.reshape(-1), self._srgb, rgb[block].reshape(-1))
 
@@ -190,6 +203,8 @@ class EmbreeSession:
         marks = np.zeros(len(rgb), dtype=np.uint8)
         kernels.mark_edges(self._face, depth, rgb, view, tables.surface, tables.normal, marks, 0, len(marks))
         kernels.mark_thin(self._thin, depth, view, marks, *np.empty((3, 3)))
+        if self._reflections is not None:
+            self._reflections.mark(rgb, view.width, marks)
         pixels = np.flatnonzero(marks).astype(np.int32)
         samples = len(SUB_PIXELS)
         step = CHUNK // samples
@@ -200,6 +215,9 @@ class EmbreeSession:
             kernels.sub_pixel_directions(view, chunk, SUB_PIXELS, directions)
             hit = tracer.intersect(repeated(view.origin, count), directions)
             self._shade(hit, directions, view, 0.5, light)
+            if self._reflections is not None:
+                self._reflections.refine(hit, directions, view, chunk, self._face, light)
+            kernels.develop(hit["primID"], tables, self._tone, WHITE, light)
             self._keep(hit, directions, view, 0.5, light, chunk)
             kernels.average(light, samples, self._srgb, chunk, rgb)
 
@@ -218,7 +236,7 @@ class EmbreeSession:
         self, hit: dict[str, np.ndarray], directions: np.ndarray, view: PinholeView, spread: float, light: np.ndarray
     ) -> None:
         face, distance, u, v = hit["primID"], hit["tfar"], hit["u"], hit["v"]
-        self._kernels.shade(face, distance, u, v, directions, view, spread, self._tables, self._tone, WHITE, light)
+        self._kernels.shade(face, distance, u, v, directions, view, spread, self._tables, light)
 
 
 def warm_up() -> None:

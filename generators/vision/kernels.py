@@ -268,13 +268,12 @@ def shade(
     view: PinholeView,
     spread: float,
     tables: SceneTables,
-    tone: F32,
-    white: float,
     out: F32,
 ) -> None:
-    """Display light of hits: tone(exposure · (albedo · light + emission)), whichever side of the face is seen.
+    """Diffuse radiance of hits: exposure · (albedo · light + emission), whichever side of the face is seen.
 
-    Colours that already include light and tone curve (the textures of a scan) are shown unchanged.
+    Where nothing is hit, and of colours that already include light and tone curve (the textures of a scan), it is
+    display light; see `develop`.
 
     Args:
         face: (N,) face, −1 where the ray missed.
@@ -285,8 +284,6 @@ def shade(
         view: the camera.
         spread: width in pixels of the area that one ray represents.
         tables: the scene.
-        tone: table of the tone curve, over the square root of radiance / ``white``.
-        white: radiance at the end of that table.
         out: (N, 3), written.
     """
     rx, ry, rz = (
@@ -299,9 +296,8 @@ def shade(
         np.float32(view.down[1] * spread),
         np.float32(view.down[2] * spread),
     )
-    scale = np.float32(1.0 / white)
     # Arrays are taken out of the named tuples once: numba counts references whenever it does so.
-    surfaces, albedo, emission, developed = tables.surface, tables.albedo, tables.emission, tables.developed
+    surfaces, albedo, emission = tables.surface, tables.albedo, tables.emission
     texture_of, light_of = tables.texture, tables.light
     normal, gradient, uv, light_uv = tables.normal, tables.gradient, tables.uv, tables.light_uv
     light_texels, light_offset, light_size = tables.light_texels, tables.light_offset, tables.light_size
@@ -351,12 +347,28 @@ def shade(
             y = light_uv[f, 0, 1] + b1 * light_uv[f, 1, 1] + b2 * light_uv[f, 2, 1]
             r, g, b = _light(light_texels, light_offset[light], light_size[light, 0], light_size[light, 1], x, y)
             red, green, blue = red * r, green * g, blue * b
-        if developed[surface]:
-            out[i, 0], out[i, 1], out[i, 2] = red, green, blue
-            continue
-        out[i, 0] = _tone(tone, scale, red + emission[surface, 0])
-        out[i, 1] = _tone(tone, scale, green + emission[surface, 1])
-        out[i, 2] = _tone(tone, scale, blue + emission[surface, 2])
+        out[i, 0] = red + emission[surface, 0]
+        out[i, 1] = green + emission[surface, 1]
+        out[i, 2] = blue + emission[surface, 2]
+
+
+@njit
+def develop(face: I32, tables: SceneTables, tone: F32, white: float, out: F32) -> None:
+    """Turn the radiance (N, 3) of hits into display light, in place, where it is not display light already.
+
+    Args:
+        face: (N,) face, −1 where the ray missed.
+        tables: the scene.
+        tone: table of the tone curve, over the square root of radiance / ``white``.
+        white: radiance at the end of that table.
+        out: (N, 3).
+    """
+    scale = np.float32(1.0 / white)
+    surfaces, developed = tables.surface, tables.developed
+    for i in range(face.shape[0]):
+        if face[i] >= 0 and not developed[surfaces[face[i]]]:
+            for k in range(3):
+                out[i, k] = _tone(tone, scale, out[i, k])
 
 
 @njit
@@ -376,8 +388,8 @@ def shade_texels(
         inside: (N, 2) barycentric weights of corners 1 and 2.
         footprint: (F, 2, 2) change of the texture coordinates (s, t) per texel of the map along its columns and rows.
         tables: the scene.
-        tone: see `shade`.
-        white: see `shade`.
+        tone: see `develop`.
+        white: see `develop`.
         out: (N, 3), written where there is a face.
     """
     scale = np.float32(1.0 / white)

@@ -5,12 +5,10 @@ Mitsuba (BSD-3, ``pip install mitsuba``) traces paths and knows nothing of light
 in memory:
 
 - A matte material becomes Mitsuba's ``diffuse``, its colour times its texture as a bitmap of linear values.
-- A material with `Material.gloss` reflects, as ``lobe``, a lobe about the normal whatever the direction it is seen from
-  (generators/lighting/form_factors.py); `NormalLobe` is this model, and needs a vectorised variant (``llvm_ad_rgb``).
-  As ``physical`` it is the microfacet model of glTF and of Burley, "Physically-based shading at Disney" (SIGGRAPH 2012
+- Any other is the microfacet model of glTF and of Burley, "Physically-based shading at Disney" (SIGGRAPH 2012
   courses), with its roughness and metallic: Mitsuba's ``principled``.
 - A face that emits becomes an area light that shines from its front.
-- The texture of a scan is light already: as ``physical`` its faces emit the colour of their middle, in steps of a
+- The texture of a scan is light already: its faces emit the colour of their middle, in steps of a
   `STEPS`-th of a stop, and reflect nothing. Nothing emits a texture, because Mitsuba then traces rays inside of each
   mesh, which its OptiX code cannot do for several in one kernel.
 - The sun of our model shines through large panes, which are opaque for everything else. A path tracer has no such
@@ -19,12 +17,11 @@ in memory:
 
 from __future__ import annotations
 
-import contextlib
 import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,16 +31,13 @@ from avs3d_bench.geometry import Intrinsics, Pose
 from generators.core.rays import Tracer
 from generators.core.scene import Material, Room, Scene
 from generators.core.tone import decode_table, inverse_tone_curve
-from generators.lighting.form_factors import LOBE
 from generators.lighting.sun import SUN_RADIUS, Sun, find_sun
 from generators.lighting.surfaces import LitSurfaces
 
 F32 = NDArray[np.float32]
 
-#: In order of preference: vectorised on the LLVM library of the system; slow, and only for matte materials.
+#: In order of preference: vectorised on the LLVM library of the system; slow.
 VARIANTS = ("llvm_ad_rgb", "scalar_rgb")
-#: How materials reflect: without gloss, with our lobe, or by a microfacet model.
-Look = Literal["matte", "lobe", "physical"]
 #: Distance of the disc that stands for the sun (m): across a home its direction turns by 10⁻⁴.
 _SUN_DISTANCE = 1e5
 #: How often lamps of other rooms are sampled, over those of the room in the picture, for equal power.
@@ -118,27 +112,15 @@ class MitsubaScene:
         mi: from `load_mitsuba`.
         scene: the scene; its light maps are not read.
         room: the room whose pictures are rendered: its lamps are sampled more often, which changes the noise alone.
-        look: how materials reflect.
 
     Attributes:
         scenes: Mitsuba's scenes, whose radiance adds up.
-
-    Raises:
-        Avs3dError: if a material has gloss and the variant has no ``lobe``.
     """
 
-    def __init__(self, mi: Any, scene: Scene, room: Room | None = None, *, look: Look = "lobe") -> None:
-        self._mi, self._look, self._room = mi, look, room
-        if look == "lobe" and mi.variant().startswith("scalar"):
-            glossy = [m.name for part in scene.parts for m in part.mesh.materials if m.gloss > 0]
-            if glossy:
-                raise Avs3dError(
-                    f"mitsuba: {glossy[0]} has gloss, which needs the variant llvm_ad_rgb, found {mi.variant()}; "
-                    "set DRJIT_LIBLLVM_PATH to an LLVM library of version 16 or newer, or compare matte materials"
-                )
+    def __init__(self, mi: Any, scene: Scene, room: Room | None = None) -> None:
+        self._mi, self._room = mi, room
         self._bitmaps: dict[tuple[Any, ...], Any] = {}
         self._bsdfs: dict[tuple[Any, ...], Any] = {}
-        self._lobe = normal_lobe(mi) if look == "lobe" and not mi.variant().startswith("scalar") else None
         surfaces = LitSurfaces.of(scene.parts)
         sun = find_sun(scene.name, surfaces, Tracer(surfaces.triangles))
         pane = np.zeros(len(surfaces.triangles), dtype=bool) if sun is None else sun.pane
@@ -244,14 +226,11 @@ class MitsubaScene:
         return power * (1.0 if inside else _ELSEWHERE)
 
     def _bsdf(self, material: Material) -> Any:
-        gloss = 0.0 if self._look == "matte" else material.gloss
-        key = (id(material.texture), material.colour, gloss, material.metallic)
+        key = (id(material.texture), material.colour, material.roughness, material.metallic)
         if key not in self._bsdfs:
             colour = self._reflectance(material)
             inner: dict[str, Any] = {"type": "diffuse", "reflectance": colour}
-            if gloss > 0 and self._look == "lobe":
-                inner = {"type": self._lobe, "gloss": gloss, "reflectance": colour}
-            elif gloss > 0:
+            if material.roughness < 1.0 or material.metallic > 0.0:
                 inner = {"type": "principled", "base_color": colour, "metallic": material.metallic}
                 inner["roughness"] = max(material.roughness, SMOOTHEST)
             self._bsdfs[key] = self._mi.load_dict({"type": "twosided", "bsdf": inner})
@@ -279,7 +258,7 @@ class MitsubaScene:
         found: dict[tuple[Any, ...], tuple[Material, list[tuple[F32, F32, F32]]]] = {}
         first = 0
         for number, part in enumerate(scene.parts):
-            mesh, is_picture = part.mesh, self._look == "physical" and scene.is_scan(part)
+            mesh, is_picture = part.mesh, scene.is_scan(part)
             edges = mesh.positions.astype(np.float64)
             solid = np.linalg.norm(np.cross(edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 0]), axis=1) > 1e-12
             solid &= wanted[first : first + len(edges)]
@@ -293,7 +272,7 @@ class MitsubaScene:
                     kinds = [(replace(black, emission=radiance), faces[own]) for radiance, own in _alike(light)]
                 for kind, own in kinds:
                     is_lamp = not is_picture and max(kind.emission) > 0
-                    look = id(kind.texture), kind.colour, kind.gloss, kind.emission, kind.metallic
+                    look = id(kind.texture), kind.colour, kind.roughness, kind.emission, kind.metallic
                     piece = mesh.positions[own], mesh.normals[own], mesh.uv[own]
                     if len(own):
                         found.setdefault((*look, number if is_lamp else -1), (kind, []))[1].append(piece)
@@ -322,62 +301,3 @@ def _alike(light: NDArray[np.float64]) -> Iterator[tuple[tuple[float, float, flo
     for number, step in enumerate(kinds):
         red, green, blue = (2.0 ** (step / STEPS)).tolist()
         yield (red, green, blue), np.flatnonzero(kind.ravel() == number)
-
-
-def normal_lobe(mi: Any) -> str:
-    """Register our model of glossy reflection with Mitsuba; returns the plugin's name.
-
-    A surface of gloss g reflects ρ·((1 − g)·E/π + g·∫ L (n + 1)/2π · cosⁿθ dω) into every direction, n = `LOBE`.
-    """
-    import drjit as dr
-
-    name = "avs3d_normal_lobe"
-
-    class NormalLobe(mi.BSDF):  # type: ignore[misc]
-        """See `normal_lobe`."""
-
-        def __init__(self, props: Any) -> None:
-            mi.BSDF.__init__(self, props)
-            self.reflectance = props.get_texture("reflectance")
-            self.gloss = mi.Float(props["gloss"])
-            dr.make_opaque(self.gloss)
-            flags = mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.FrontSide
-            self.m_components = [flags]
-            self.m_flags = flags
-
-        def _density(self, cosine: Any) -> Any:
-            """Of the sampled direction, which is what is reflected over the albedo too."""
-            lobe = dr.power(cosine, LOBE) * ((LOBE + 1.0) / (2.0 * np.pi))
-            return dr.lerp(cosine * (1.0 / np.pi), lobe, self.gloss)
-
-        def sample(self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any) -> Any:
-            bs = mi.BSDFSample3f()
-            exponent = dr.select(sample1 < self.gloss, 1.0 / (LOBE + 1.0), 0.5)
-            cosine = dr.power(dr.maximum(sample2.x, 1e-12), exponent)
-            sine, (s, c) = dr.safe_sqrt(1.0 - cosine * cosine), dr.sincos(2.0 * np.pi * sample2.y)
-            bs.wo = mi.Vector3f(sine * c, sine * s, cosine)
-            bs.pdf = self._density(cosine)
-            bs.eta = 1.0
-            bs.sampled_type = mi.UInt32(+self.m_flags)
-            bs.sampled_component = mi.UInt32(0)
-            valid = active & (mi.Frame3f.cos_theta(si.wi) > 0) & (bs.pdf > 0)
-            return bs, self.reflectance.eval(si, valid) & valid
-
-        def eval(self, ctx: Any, si: Any, wo: Any, active: Any) -> Any:
-            return self.eval_pdf(ctx, si, wo, active)[0]
-
-        def pdf(self, ctx: Any, si: Any, wo: Any, active: Any) -> Any:
-            return self.eval_pdf(ctx, si, wo, active)[1]
-
-        def eval_pdf(self, ctx: Any, si: Any, wo: Any, active: Any) -> Any:
-            cosine = mi.Frame3f.cos_theta(wo)
-            valid = active & (mi.Frame3f.cos_theta(si.wi) > 0) & (cosine > 0)
-            density = dr.select(valid, self._density(dr.maximum(cosine, 0.0)), 0.0)
-            return self.reflectance.eval(si, valid) * density, density
-
-        def to_string(self) -> str:
-            return f"NormalLobe[gloss={self.gloss}]"
-
-    with contextlib.suppress(RuntimeError):  # registered already
-        mi.register_bsdf(name, NormalLobe)
-    return name

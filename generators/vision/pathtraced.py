@@ -108,7 +108,7 @@ class PathtracedSession:
         check_camera(intrinsics)
         self._mi, self._intrinsics, self._exposure = mi, intrinsics, scene.exposure
         self._labels = EmbreeBackend().open(replace(scene, parts=tuple(_through_windows(scene))), intrinsics)
-        self._scenes = MitsubaScene(mi, scene, look="physical").scenes
+        self._scenes = MitsubaScene(mi, scene).scenes
         # The last one of each stands for no face.
         self._is_picture = _of_faces(scene, lambda part, material: scene.is_scan(part) or material.shown is not None)
         self._shines = self._is_picture | _of_faces(scene, lambda part, material: max(material.emission) > 0)

@@ -8,10 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
-from generators.core.scene import F32, I32, LightMap, Part, Scene
-from generators.vision.textures_pool import TexturePool, build_pool, distinct
+from generators.core.scene import F32, I32, LightMap, Material, Part, Scene
+from generators.core.tone import inverse_tone_curve
+from generators.vision.albedos import albedo_table
+from generators.vision.textures_pool import TexturePool, build_plain_pool, build_pool, distinct
 
 F64 = NDArray[np.float64]
+
+#: Kinds of surfaces: without specular reflection; reflecting as much light as arrives in the mean; reflecting what rays
+#: meet; the same, and light goes through.
+MATTE, SATIN, GLOSSY, CLEAR = 0, 1, 2, 3
+#: From this roughness on no rays are traced, and from `TRACED` on what they meet counts wholly.
+TRACING_LIMIT, TRACED = 0.55, 0.45
 
 
 class SceneTables(NamedTuple):
@@ -28,7 +36,18 @@ class SceneTables(NamedTuple):
         instance: (S,) uint16 instance id.
         albedo: (S, 3) float32 material colour times exposure, or the colour that is shown instead.
         emission: (S, 3) float32 emission times exposure; 0 where something is shown in its place.
+        shine: (S,) uint8, what the surface reflects besides diffuse light: see `MATTE`, `SATIN`, `GLOSSY`.
+        finish: (S, 4) float32 roughness, metallic, transmission, clearcoat.
+        colour: (S, 3) float32 material colour.
+        glow: (S, 3) float32 emission times exposure, where something is shown in its place too.
+        exposure: (1,) float32.
+        corner_normal: (F, 3, 3) float32: shading normal of corner 0, and the differences to it of corners 1 and 2.
+        bumps: (S,) int32 normal map of ``maps``, −1 for none.
+        roughening: (S,) int32 roughness map of ``maps``, −1 for none.
+        maps: textures of plain numbers.
         developed: (S,) uint8, 1 where colour × texture × light is display light already: the pictures of a scan.
+        albedos: directional albedos, see `microfacet.albedo_table`.
+        undeveloped: (1024,) float32 radiance times exposure that is shown as i / (n − 1) of linear display light.
         light_texels: flat float32; a map is (height, width, 3), row 0 at v = 0.
         light_offset: (M,) int64, where each map begins.
         light_size: (M, 2) int32 height and width.
@@ -45,7 +64,18 @@ class SceneTables(NamedTuple):
     instance: NDArray[np.uint16]
     albedo: F32
     emission: F32
+    shine: NDArray[np.uint8]
+    finish: F32
+    colour: F32
+    glow: F32
+    exposure: F32
+    corner_normal: F32
+    bumps: I32
+    roughening: I32
+    maps: TexturePool
     developed: NDArray[np.uint8]
+    albedos: F32
+    undeveloped: F32
     light_texels: F32
     light_offset: NDArray[np.int64]
     light_size: I32
@@ -78,6 +108,8 @@ def build_tables(scene: Scene) -> tuple[SceneTables, F32]:
         material.shown or tuple((1.0 if done else scene.exposure) * channel for channel in material.colour)
         for material, done in zip(materials, developed, strict=True)
     ]
+    bump_maps, bump_index = distinct([material.normal_map for material in materials])
+    rough_maps, rough_index = distinct([material.roughness_map for material in materials])
     glow = np.array([material.emission for material in materials], dtype=np.float32) * np.float32(scene.exposure)
     triangles = np.concatenate([mesh.positions for mesh in meshes])
     uv = np.concatenate([mesh.uv for mesh in meshes])
@@ -94,14 +126,37 @@ def build_tables(scene: Scene) -> tuple[SceneTables, F32]:
         light=np.where(shown, np.int32(-1), light_of_part[part_of]),
         instance=np.array([part.instance_id for part in scene.parts], dtype=np.uint16)[part_of],
         albedo=np.array(albedo, dtype=np.float32),
-        emission=np.where(shown[:, None], np.float32(0), glow),
+        emission=np.where((shown | (developed > 0))[:, None], np.float32(0), glow),
+        shine=np.array([_shine(m, bool(done)) for m, done in zip(materials, developed, strict=True)], dtype=np.uint8),
+        finish=np.array([(m.roughness, m.metallic, m.transmission, m.clearcoat) for m in materials], dtype=np.float32),
+        colour=np.array([material.colour for material in materials], dtype=np.float32),
+        glow=glow,
+        exposure=np.array([scene.exposure], dtype=np.float32),
+        corner_normal=_relative(np.concatenate([mesh.normals for mesh in meshes])),
+        bumps=np.array(bump_index, dtype=np.int32),
+        roughening=np.array([i if i < 0 else i + len(bump_maps) for i in rough_index], dtype=np.int32),
+        maps=build_plain_pool([*bump_maps, *rough_maps]),
         developed=developed,
+        albedos=albedo_table(),
+        undeveloped=inverse_tone_curve(np.linspace(0.0, 1.0, 1024)).astype(np.float32),
         light_texels=np.concatenate(texels),
         light_offset=offsets.astype(np.int64),
         light_size=np.array(sizes, dtype=np.int32),
         textures=build_pool(unique),
     )
     return tables, triangles
+
+
+def _shine(material: Material, developed: bool) -> int:
+    """The kind of a surface (see `SceneTables.shine`); lamps outshine what they reflect."""
+    if developed or (material.shown is None and max(material.emission) > 0.0):
+        return MATTE
+    if material.transmission > 0.0:
+        return CLEAR
+    smoothest = 1.0 if material.roughness_map is None else float(material.roughness_map.pixels[..., 1].min()) / 255.0
+    if material.roughness * smoothest < TRACING_LIMIT or material.clearcoat > 0.0:
+        return GLOSSY
+    return SATIN if material.roughness < 1.0 or material.metallic > 0.0 else MATTE
 
 
 def _check(scene: Scene) -> None:
@@ -116,6 +171,12 @@ def _check(scene: Scene) -> None:
             raise Avs3dError(f"{name}: instance id {part.instance_id} does not fit 16 bits (0 to 65535)")
         for material in part.mesh.materials:
             numbers = (*material.colour, *material.emission, *(material.shown or (0.0, 0.0, 0.0)))
+            shares = (material.roughness, material.metallic, material.transmission, material.clearcoat)
+            if not all(0.0 <= share <= 1.0 for share in shares):
+                raise Avs3dError(
+                    f"{name}: material {material.name!r} has roughness, metallic, transmission, clearcoat {shares}; "
+                    "expected numbers from 0 to 1"
+                )
             if len(numbers) != 9 or not np.isfinite(numbers).all():
                 raise Avs3dError(
                     f"{name}: material {material.name!r} has colour or emission {numbers}; expected r, g, b"

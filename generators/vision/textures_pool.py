@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import operator
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +30,7 @@ class TexturePool(NamedTuple):
         offset: (L,) int64, where each level begins in ``texels``.
         size: (L, 2) int32, height and width of each level.
         first: (T + 1,) int32, the level 0 of each texture; its levels end where the next texture's begin.
-        decode: (256,) float32, linear light of an 8-bit sRGB value.
+        decode: (256,) float32, linear light of an 8-bit sRGB value, or the value itself in [0, 1] of plain numbers.
     """
 
     texels: NDArray[np.uint8]
@@ -55,6 +55,23 @@ def build_pool(textures: Sequence[Texture]) -> TexturePool:
     global _last
     if _last is not None and len(_last[0]) == len(textures) and all(map(operator.is_, _last[0], textures)):
         return _last[1]
+    pool = _pool(textures, mip_chain, decode_table())
+    _last = (tuple(textures), pool)
+    return pool
+
+
+def build_plain_pool(textures: Sequence[Texture]) -> TexturePool:
+    """The same of textures that are plain numbers, not sRGB: normals, roughness.
+
+    Raises:
+        Avs3dError: if a texture is not (H, W, 3) uint8.
+    """
+    return _pool(textures, plain_chain, (np.arange(256) / 255.0).astype(np.float32))
+
+
+def _pool(
+    textures: Sequence[Texture], chain: Callable[[NDArray[np.uint8]], list[NDArray[np.uint8]]], decode: F32
+) -> TexturePool:
     levels: list[NDArray[np.uint8]] = []
     first = [0]
     for texture in textures:
@@ -63,21 +80,19 @@ def build_pool(textures: Sequence[Texture]) -> TexturePool:
             raise Avs3dError(
                 f"texture {texture.name!r}: pixels are {pixels.dtype} of shape {pixels.shape}, expected uint8 (H, W, 3)"
             )
-        levels.extend(mip_chain(pixels))
+        levels.extend(chain(pixels))
         first.append(len(levels))
     if not levels:  # kernels want arrays of their type even where nothing is textured
         levels.append(np.full((1, 1, 3), 255, dtype=np.uint8))
     sizes = np.array([level.shape[:2] for level in levels], dtype=np.int32)
     counts = [level.size for level in levels]
-    pool = TexturePool(
+    return TexturePool(
         texels=np.concatenate([level.reshape(-1) for level in levels]),
         offset=np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64),
         size=sizes,
         first=np.array(first, dtype=np.int32),
-        decode=decode_table(),
+        decode=decode,
     )
-    _last = (tuple(textures), pool)
-    return pool
 
 
 def distinct(textures: Sequence[Texture | None]) -> tuple[list[Texture], list[int]]:
@@ -115,6 +130,16 @@ def mip_chain(pixels: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
         for first in range(0, len(level), _STRIP):
             level[first : first + _STRIP] = np.rint(255.0 * srgb_encode(linear[first : first + _STRIP]))
         levels.append(level)
+    return levels
+
+
+def plain_chain(pixels: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
+    """The texture of plain numbers and its halvings down to 1×1, uint8, box-filtered."""
+    levels = [np.ascontiguousarray(pixels)]
+    values: F32 = pixels.astype(np.float32)
+    while max(levels[-1].shape[:2]) > 1:
+        values = _halve(_halve(values).transpose(1, 0, 2)).transpose(1, 0, 2)
+        levels.append(np.rint(values).astype(np.uint8))
     return levels
 
 

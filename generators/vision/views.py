@@ -53,11 +53,12 @@ def pose_number(pose: Pose) -> int:
 
 
 def trial_scene() -> tuple[Scene, Intrinsics, Pose]:
-    """A textured and lit box seen on 16 × 16 pixels: rendering it takes every kernel."""
+    """A textured and lit box of clear steel seen on 16 × 16 pixels: rendering it takes every kernel."""
     from generators.assets.shapes import MeshBuilder
 
     texture = Texture("grey", np.full((4, 4, 3), 128, dtype=np.uint8))
-    mesh = MeshBuilder().box((1, 1, 1), (0, 0, 0), Material("grey", "plaster", texture=texture)).build()
+    steel = Material("steel", "metal", texture=texture, roughness=0.2, metallic=0.5, transmission=0.5)
+    mesh = MeshBuilder().box((1, 1, 1), (0, 0, 0), steel).build()
     light = LightMap(np.zeros_like(mesh.uv), np.ones((2, 2, 3), dtype=np.float16))
     scene = Scene("warm-up", (Part("box", mesh, light=light),), (), ())
     return scene, Intrinsics.from_fov(16), Pose.from_yaw((0.2, 0.1, 2.0), 0.0)

@@ -305,15 +305,14 @@ def test_sunlight_of_a_texel_does_not_depend_on_the_texels_around() -> None:
     place = np.stack([rng.uniform(0, SIZE[0], count), np.full(count, 1e-3), rng.uniform(0, SIZE[2], count)], axis=1)
     leaning = rng.normal([0, 3, 0], 1, (count, 3))
     leaning /= np.linalg.norm(leaning, axis=1, keepdims=True)
-    position, normal, across, gloss = (
-        np.asarray(each, dtype=np.float32)
-        for each in (place, leaning, np.zeros((count, 2, 3)), rng.uniform(0, 1, count))
+    position, normal, across = (
+        np.asarray(each, dtype=np.float32) for each in (place, leaning, np.zeros((count, 2, 3)))
     )
     pattern = np.arange(count, dtype=np.int32) % PATTERNS
 
     def light(first: int, last: int) -> np.ndarray:
         own = slice(first, last)
-        return sun_light(sun, pattern[own], position[own], normal[own], across[own], gloss[own], tracer, 4)
+        return sun_light(sun, pattern[own], position[own], normal[own], across[own], tracer, 4)
 
     whole = light(0, count)
     assert (whole > 0).any()

@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 
 from avs3d_bench.geometry import Intrinsics, Pose
-from benchmarks.light_reference import CLASSES, Comparison, agreement, compare, face_labels, pooled, without_gloss
+from benchmarks.light_reference import (
+    CLASSES,
+    Comparison,
+    agreement,
+    compare,
+    face_labels,
+    pooled,
+    with_matte_materials,
+)
 from generators.assets.shapes import MeshBuilder
 from generators.core.scene import LightMap, Material, Part, Scene
 from generators.core.tone import WHITE
@@ -96,7 +104,7 @@ def test_faces_are_sorted_by_what_they_are_part_of() -> None:
     assert names[:12] == ["floor"] * 2 + ["ceiling"] * 2 + ["walls"] * 8
     assert names[12:] == ["furniture"] * 12 + ["objects"] * 12 + [""] * 2
     glossy = Part("g", MeshBuilder().box((1, 1, 1), (0, 0, 0), matte(0.5, roughness=0.36)).build())
-    assert without_gloss(Scene("t", (glossy,), (), ())).parts[0].mesh.materials[0].gloss == 0.0
+    assert with_matte_materials(Scene("t", (glossy,), (), ())).parts[0].mesh.materials[0].roughness == 1.0
 
 
 @pytest.fixture(scope="module")

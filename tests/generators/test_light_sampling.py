@@ -14,7 +14,7 @@ from generators.lighting.direct import Occlusion, direct_light
 from generators.lighting.emitters import Emitters, bright_patches, find_emitters
 from generators.lighting.form_factors import unoccluded_light
 from generators.lighting.gather import open_texels
-from generators.lighting.interpolation import BlockLight, Slow
+from generators.lighting.interpolation import Slow
 from generators.lighting.radiosity import LinkTracer
 from generators.lighting.sun import SUN_RADIUS, Sun, _beam_points, sun_light
 from generators.lighting.surfaces import LitSurfaces
@@ -46,7 +46,6 @@ class Floor:
         x, z = (column + 0.5) * STEP - 1.0, (row + 0.5) * STEP - 1.0
         self.position = np.stack([x, np.zeros_like(x), z], axis=1).astype(np.float32)
         self.normal = np.tile(np.array([0, 1, 0], dtype=np.float32), (len(x), 1))
-        self.gloss = np.zeros(len(x), dtype=np.float32)
         self.pattern = pattern_of(column.astype(np.int32), row.astype(np.int32))
 
 
@@ -81,12 +80,11 @@ def lit_floor(screen: Occlusion, *, saving: bool) -> tuple[np.ndarray, np.ndarra
         floor.pattern,
         floor.position,
         floor.normal,
-        floor.gloss,
         screen,
         block=floor.block if saving else None,
     )
     pair = np.arange(len(floor.position))
-    whole = unoccluded_light(emitters, pair, pair * 0, floor.position, floor.normal, floor.gloss)
+    whole = unoccluded_light(emitters, pair, pair * 0, floor.position, floor.normal)
     return light[:, 0] / whole[:, 0], variance, floor
 
 
@@ -188,7 +186,6 @@ def test_a_ball_shines_alike_to_all_sides(distance: float) -> None:
         0 * pair,
         (np.array([1.0, 2.0, 3.0]) + distance * away).astype(np.float32),
         (-away).astype(np.float32),
-        np.zeros(len(away), dtype=np.float32),
     )
     share = light[:, 0] / (8.0 * (0.15 / distance) ** 2)
     assert share.mean() == pytest.approx(1.0, abs=0.015)
@@ -205,7 +202,7 @@ def test_half_a_ball_behind_a_plane_gives_what_its_visible_targets_give() -> Non
         return np.asarray(origins[:, 1] + directions[:, 1] > 0.54)
 
     reach = np.ones((len(floor.position), 1), dtype=bool)
-    scene = (floor.position, floor.normal, floor.gloss)
+    scene = (floor.position, floor.normal)
     light, _ = direct_light(emitters, reach, floor.pattern, *scene, upper, block=floor.block)
     pair = np.arange(len(floor.position))
     whole = unoccluded_light(emitters, pair, 0 * pair, *scene)[:, 0]
@@ -241,7 +238,7 @@ def test_the_edge_of_the_sun_is_the_same_with_and_without_blocks() -> None:
     sun = Sun(np.array([0.05, 1.0, 0.02]), np.ones(3, dtype=np.float32), np.array([True, True, False, False]))
     floor = Floor()
     across = np.tile(np.array([[STEP, 0, 0], [0, 0, STEP]], dtype=np.float32), (len(floor.position), 1, 1))
-    given = (sun, floor.pattern, floor.position, floor.normal, across, floor.gloss, Tracer(surfaces.triangles), 32)
+    given = (sun, floor.pattern, floor.position, floor.normal, across, Tracer(surfaces.triangles), 32)
     whole, saved = sun_light(*given), sun_light(*given, block=floor.block)
     assert 0.3 < (whole[:, 0] > 0.5).mean() < 0.7
     assert np.abs(whole - saved).max() < 0.1
@@ -266,7 +263,7 @@ def test_interpolation_reproduces_a_linear_field_up_to_the_edges() -> None:
     for measured in (None, sites):
         mean = blocks.mean(field, measured)
         out = np.zeros_like(field)
-        slow.interpolate(texels, BlockLight(mean, mean), out, measured)
+        slow.interpolate(texels, mean, out, measured)
         # The ridge of the regression costs a little at the border.
         assert np.abs(out - field).max() < 0.01
         assert np.abs(out - field).mean() < 0.001
@@ -282,7 +279,7 @@ def test_a_block_close_to_something_is_not_interpolated() -> None:
     assert np.flatnonzero(~slow.is_slow).tolist() == [7]
     out = np.full((len(texels), 3), -1.0, dtype=np.float32)
     ones = np.ones((len(blocks), 3), dtype=np.float32)
-    slow.interpolate(texels, BlockLight(ones, ones), out)
+    slow.interpolate(texels, ones, out)
     assert ((out[:, 0] < 0) == (blocks.of == 7)).all()
 
 
@@ -321,15 +318,13 @@ def test_an_enclosed_block_is_interpolated() -> None:
     assert slow.is_slow[links.is_enclosed].all()
 
 
-@pytest.mark.parametrize("gloss", [0.0, 0.4])
-def test_light_of_an_emitter_does_not_depend_on_what_is_computed_together(gloss: float) -> None:
+def test_light_of_an_emitter_does_not_depend_on_what_is_computed_together() -> None:
     rng = np.random.default_rng(3)
     position = rng.uniform(-2, 2, (200, 3)).astype(np.float32)
     normal = rng.normal(size=(200, 3)).astype(np.float32)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    glosses = np.full(200, gloss, dtype=np.float32)
     pair = np.arange(200)
-    whole = unoccluded_light(lamp(), pair, pair * 0, position, normal, glosses)
+    whole = unoccluded_light(lamp(), pair, pair * 0, position, normal)
     single = [
         unoccluded_light(
             lamp(),
@@ -337,7 +332,6 @@ def test_light_of_an_emitter_does_not_depend_on_what_is_computed_together(gloss:
             np.zeros(1, np.int64),
             position[k : k + 1],
             normal[k : k + 1],
-            glosses[k : k + 1],
         )
         for k in range(200)
     ]

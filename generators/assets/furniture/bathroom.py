@@ -111,13 +111,10 @@ def _vessel(kit: Kit, w: float, d: float, top: float, metal: Material) -> None:
 
 
 def vanity_cabinet(kit: Kit) -> None:
-    """A wall cabinet with two doors and a lamp over them.
-
-    It replaces a mirror, because baked light cannot depend on the view, and a mirror without a reflection looks wrong.
-    """
+    """A wall cabinet with two doors, mirrors or of wood, and a lamp over them."""
     kit.mount = "wall"
     w, h = kit.near(0.65, 0.15), 0.7
-    doors, metal = kit.m(kit.pick("white", "wood", "wood_alt")), kit.m("metal")
+    doors, metal = kit.m(kit.pick("mirror", "mirror", "wood")), kit.m("metal")
     kit.panel((-w / 2, -h / 2, 0.0), (w / 2, h / 2, 0.13), kit.m("white"), bevel=0.002)
     for side in (-1, 1):
         x0, x1 = sorted((side * 0.001, side * w / 2))
@@ -127,7 +124,7 @@ def vanity_cabinet(kit: Kit) -> None:
     kit.panel(
         (-w / 2 + 0.07, h / 2 + 0.009, 0.155), (w / 2 - 0.07, h / 2 + 0.0149, 0.185), kit.m("lamp_glass"), bevel=0.0
     )
-    kit.sound((-w / 2, -h / 2, 0.0), (w / 2, h / 2, 0.15), doors)
+    kit.sound((-w / 2, -h / 2, 0.0), (w / 2, h / 2, 0.15), kit.m("white"))
 
 
 def towel_rail(kit: Kit) -> None:

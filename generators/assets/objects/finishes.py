@@ -18,10 +18,6 @@ Pixels = NDArray[np.uint8]
 Array = NDArray[np.float64]
 Colour = tuple[float, float, float]
 
-#: Part of the specular reflection that is added to the diffuse albedo. Smooth dielectrics reflect 4 % at normal
-#: incidence (Fresnel, n = 1.5), more at other angles; without it, black plastic would look like a hole.
-SHEEN = 0.022
-
 
 def hex_rgb(srgb: str) -> Array:
     """``"#rrggbb"`` as (3,) sRGB values 0–255."""
@@ -40,9 +36,9 @@ def to_srgb(light: Array) -> Pixels:
     return np.round(255 * np.where(v <= 0.0031308, 12.92 * v, 1.055 * v ** (1 / 2.4) - 0.055)).astype(np.uint8)
 
 
-def linear(srgb: str, sheen: float = 0.0) -> Colour:
-    """``"#rrggbb"`` as linear-light albedo, lifted by ``sheen``."""
-    r, g, b = (float(v) for v in sheen + (1 - sheen) * to_linear(hex_rgb(srgb)))
+def linear(srgb: str) -> Colour:
+    """``"#rrggbb"`` as linear-light albedo."""
+    r, g, b = (float(v) for v in to_linear(hex_rgb(srgb)))
     return r, g, b
 
 
@@ -54,19 +50,19 @@ def choose(rng: Generator, *options: str) -> str:
 @cache
 def enamel(name: str, srgb: str) -> Material:
     """Painted or enamelled sheet steel."""
-    return Material(name, "metal", linear(srgb, SHEEN), roughness=0.25)
+    return Material(name, "metal", linear(srgb), roughness=0.25)
 
 
 @cache
-def plastic(name: str, srgb: str, *, roughness: float = 0.49) -> Material:
+def plastic(name: str, srgb: str, *, roughness: float = 0.4) -> Material:
     """Moulded plastic."""
-    return Material(name, "plastic", linear(srgb, SHEEN), roughness=roughness)
+    return Material(name, "plastic", linear(srgb), roughness=roughness)
 
 
 @cache
 def rubber(name: str = "rubber", srgb: str = "#2b2c2e") -> Material:
     """Rubber (feet, gaskets, tyres, hoses); sounds like plastic."""
-    return Material(name, "plastic", linear(srgb, SHEEN / 2), roughness=0.9)
+    return Material(name, "plastic", linear(srgb), roughness=0.9)
 
 
 @cache
@@ -78,7 +74,7 @@ def ceramic(name: str = "ceramic", srgb: str = "#f3f3ef") -> Material:
 @cache
 def glass(name: str = "dark_glass", srgb: str = "#15181b") -> Material:
     """Glass in front of something dark."""
-    return Material(name, "glass", linear(srgb, SHEEN), roughness=0.04)
+    return Material(name, "glass", linear(srgb), roughness=0.04)
 
 
 @cache
@@ -95,9 +91,8 @@ def lamp(name: str, srgb: str, radiance: float) -> Material:
 
 
 def printed(name: str, pixels: Pixels, *, acoustic: str = "plastic", roughness: float = 0.49) -> Material:
-    """A face with a picture on it, for quads and discs that fit the texture once; its sheen is that of plastic."""
-    levels = to_srgb(SHEEN + (1 - SHEEN) * to_linear(np.arange(256, dtype=np.float64)))
-    return Material(name, acoustic, texture=Texture(name, levels[pixels]), roughness=roughness)
+    """A face with a picture on it, for quads and discs that fit the texture once."""
+    return Material(name, acoustic, texture=Texture(name, pixels), roughness=roughness)
 
 
 @cache

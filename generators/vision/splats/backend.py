@@ -241,9 +241,8 @@ class SplatsSession(EmbreeSession):
         if self._unshaded is not None:
             bright = np.empty_like(light)
             distance, u, v = hit["tfar"], hit["u"], hit["v"]
-            self._kernels.shade(
-                faces, distance, u, v, directions, view, spread, self._unshaded, self._tone, WHITE, bright
-            )
+            self._kernels.shade(faces, distance, u, v, directions, view, spread, self._unshaded, bright)
+            self._kernels.develop(faces, self._unshaded, self._tone, WHITE, bright)
             self._splats.part_light(faces, bright, samples, chosen, tables, np.empty_like(self._plain), self._plain)
 
 
