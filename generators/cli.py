@@ -100,9 +100,9 @@ _OPTIONS = (
     click.option(
         "--camera",
         type=click.Choice(get_args(CameraName)),
-        default="ideal",
+        default=EngineOptions.camera,
         show_default=True,
-        help="phone: exposure, vignette, noise and sharpening of a camera.",
+        help="Exposure, vignette, noise and sharpening of a camera: mild, or a phone's; ideal: none.",
     ),
     click.option(
         "--habitat-python",

@@ -23,7 +23,7 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
 #: Fixed point of the curve, as radiance times exposure: 18 % grey, sRGB 118 of 255.
 MID_GREY = 0.18
 #: The smallest radiance (times exposure) that is shown as pure white.
-WHITE = 4.0
+WHITE = 8.0
 #: Exponent of the toe.
 CONTRAST = 1.3
 

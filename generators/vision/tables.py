@@ -26,8 +26,9 @@ class SceneTables(NamedTuple):
         texture: (S,) int32 texture of the pool, −1 for none.
         light: (S,) int32 light map, −1 for none.
         instance: (S,) uint16 instance id.
-        albedo: (S, 3) float32 material colour times exposure, or the colour that is shown instead.
-        emission: (S, 3) float32 emission times exposure; 0 where something is shown in its place.
+        albedo: (S, 3) float32 material colour, or radiance of what is shown instead, times `Scene.gains`.
+        emission: (S, 3) float32 emission times `Scene.gains`; 0 where something is shown in its place.
+        view_distance: (S,) float32 `Material.view_distance`.
         developed: (S,) uint8, 1 where colour × texture × light is display light already: the pictures of a scan.
         light_texels: flat float32; a map is (height, width, 3), row 0 at v = 0.
         light_offset: (M,) int64, where each map begins.
@@ -45,6 +46,7 @@ class SceneTables(NamedTuple):
     instance: NDArray[np.uint16]
     albedo: F32
     emission: F32
+    view_distance: F32
     developed: NDArray[np.uint8]
     light_texels: F32
     light_offset: NDArray[np.int64]
@@ -75,10 +77,10 @@ def build_tables(scene: Scene) -> tuple[SceneTables, F32]:
     shown = np.array([material.shown is not None for material in materials])
     developed = np.array([scene.is_scan(part) for part in scene.parts], dtype=np.uint8)[part_of]
     albedo = [
-        material.shown or tuple((1.0 if done else scene.exposure) * channel for channel in material.colour)
+        (1.0 if done else scene.gains) * np.array(material.shown or material.colour)
         for material, done in zip(materials, developed, strict=True)
     ]
-    glow = np.array([material.emission for material in materials], dtype=np.float32) * np.float32(scene.exposure)
+    glow = np.array([material.emission for material in materials], dtype=np.float32) * scene.gains
     triangles = np.concatenate([mesh.positions for mesh in meshes])
     uv = np.concatenate([mesh.uv for mesh in meshes])
     normal, gradient = _frames(triangles, uv)
@@ -94,7 +96,8 @@ def build_tables(scene: Scene) -> tuple[SceneTables, F32]:
         light=np.where(shown, np.int32(-1), light_of_part[part_of]),
         instance=np.array([part.instance_id for part in scene.parts], dtype=np.uint16)[part_of],
         albedo=np.array(albedo, dtype=np.float32),
-        emission=np.where(shown[:, None], np.float32(0), glow),
+        emission=np.where(shown[:, None], 0.0, glow).astype(np.float32),
+        view_distance=np.array([material.view_distance for material in materials], dtype=np.float32),
         developed=developed,
         light_texels=np.concatenate(texels),
         light_offset=offsets.astype(np.int64),
@@ -107,8 +110,10 @@ def build_tables(scene: Scene) -> tuple[SceneTables, F32]:
 def _check(scene: Scene) -> None:
     if not scene.parts:
         raise Avs3dError(f"{scene.name}: the scene has no parts; expected at least one mesh to render")
-    if not (np.isfinite(scene.exposure) and scene.exposure > 0):
-        raise Avs3dError(f"{scene.name}: the exposure is {scene.exposure}, expected a finite number > 0")
+    if not (np.isfinite(scene.gains).all() and scene.gains.min() > 0):
+        raise Avs3dError(
+            f"{scene.name}: exposure {scene.exposure} and white balance {scene.white}; expected finite numbers > 0"
+        )
     for part in scene.parts:
         name = f"{scene.name}/{part.name}"
         part.mesh.check(name)

@@ -5,6 +5,6 @@ and rugs are fitted once over a face. The mean linear albedo is between 0.03 and
 strong as in a real flat.
 """
 
-from generators.assets.textures import ceramic, cloth, noise, pictures, surfaces, wood
+from generators.assets.textures import ceramic, cloth, noise, outdoors, pictures, surfaces, wood
 
-__all__ = ["ceramic", "cloth", "noise", "pictures", "surfaces", "wood"]
+__all__ = ["ceramic", "cloth", "noise", "outdoors", "pictures", "surfaces", "wood"]

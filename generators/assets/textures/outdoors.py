@@ -1,4 +1,4 @@
-"""What is seen from a window: sky, skyline, a row of houses, trees and the ground, as a plane across the street shows it.
+"""What is seen from a window: sky, skyline, a row of houses, trees and the ground.
 
 The picture is a plane `PLANE_DISTANCE` behind the panes. What stands at another distance d is drawn in perspective, as
 it is seen from the window: smaller by `PLANE_DISTANCE` / d, and with its foot lower by the eye's height over the ground
@@ -18,7 +18,7 @@ PLANE_DISTANCE = 30.0
 #: Width and height of the plane that the picture covers (m); its sides meet.
 PLANE_SIZE = (96.0, 48.0)
 #: Share of the height, from below, at which the horizon lies.
-HORIZON = 0.4
+HORIZON = 0.5
 #: Height of the eye over its floor, of a storey, and of the lowest floor over the ground (m).
 EYE, _STOREY, _PLINTH = 1.5, 3.0, 0.4
 #: Highest storey from which one looks.
@@ -73,13 +73,15 @@ def outdoors(rng: np.random.Generator, *, size: int = 2048) -> Image:
     eye = EYE + _PLINTH + _STOREY * int(rng.integers(0, _TOP_STOREY + 1))
     _sky(rng, canvas)
     _hills(rng, canvas)
-    for distance, haze in ((420.0, 0.6), (230.0, 0.35)):
-        _row_of_houses(rng, canvas, eye, distance, haze)
     _ground(rng, canvas, eye)
-    _row_of_houses(rng, canvas, eye, float(rng.uniform(42.0, 60.0)), 0.04)
     leaves = spectral(rng, canvas.light.shape[:2], 0.9, finest=2, coarsest=canvas.scale * 3)
-    for _ in range(int(rng.integers(4, 9))):
-        _tree(rng, canvas, eye, leaves)
+    for distance, haze in ((420.0, 0.6), (230.0, 0.35), (120.0, 0.18)):
+        _row_of_houses(rng, canvas, eye, distance, haze)
+        for _ in range(30):
+            _tree(rng, canvas, eye, leaves, float(rng.uniform(0.7, 0.95)) * distance, haze)
+    _row_of_houses(rng, canvas, eye, float(rng.uniform(27.0, 40.0)), 0.03)
+    for _ in range(int(rng.integers(6, 13))):
+        _tree(rng, canvas, eye, leaves, float(rng.uniform(13.0, 26.0)), 0.0)
     return to_image(to_srgb(blur(canvas.light, 0.6 * size / 2048)))
 
 
@@ -89,9 +91,9 @@ def _sky(rng: np.random.Generator, canvas: _Canvas) -> None:
     _, y = grid(*shape)
     up = np.clip((1 - HORIZON - y) / (1 - HORIZON), 0, 1)
     canvas.light[:] = mix(_HAZE, _ZENITH, smoothstep(-0.1, 0.9, up))
-    heaps = spectral(rng, shape, 1.6, stretch=(1.7, 1.0), coarsest=shape[0] / 3)
+    heaps = spectral(rng, shape, 1.75, stretch=(1.0, 2.0), coarsest=shape[0] / 3)
     cover = float(rng.uniform(-0.3, 0.9))
-    dense = smoothstep(cover, cover + 1.1, heaps) * (1 - smoothstep(0.75, 0.97, up))
+    dense = smoothstep(cover, cover + 1.5, heaps) * (1 - smoothstep(0.75, 0.97, up))
     below = np.roll(heaps, -max(shape[0] // 40, 1), axis=0)
     body = mix(_CLOUD_BASE, _CLOUD, smoothstep(-0.9, 0.5, heaps - below))
     canvas.light[:] = mix(canvas.light, body, dense)
@@ -111,7 +113,7 @@ def _ground(rng: np.random.Generator, canvas: _Canvas, eye: float) -> None:
     """Lawn, a street with pavements across the view, and lawn again up to the horizon."""
     rows = np.arange(int(canvas.horizon) + 1, canvas.height)
     distance = eye * PLANE_DISTANCE * canvas.scale / (rows + 0.5 - canvas.horizon)
-    near = float(rng.uniform(14.0, 22.0))
+    near = float(rng.uniform(9.0, 13.0))
     colour = np.where((distance > 90.0)[:, None], 0.5 * _GRASS + 0.5 * _HAZE * 0.4, _GRASS)
     for low, high, own in ((near, near + 12.0, _PAVING), (near + 2.2, near + 9.8, _ASPHALT)):
         colour = np.where(((distance > low) & (distance < high))[:, None], own, colour)
@@ -192,7 +194,9 @@ def _window(
         canvas.fill((middle + wide / 5, middle + wide / 2), (low, low + high), hazy(glass + 0.12))
     canvas.fill((middle - edge / 2, middle + edge / 2), (low, low + high), trim)
     canvas.fill(
-        (middle - wide / 2 - 2 * edge, middle + wide / 2 + 2 * edge), (low - 2 * edge, low - edge), 1.1 * np.asarray(trim)
+        (middle - wide / 2 - 2 * edge, middle + wide / 2 + 2 * edge),
+        (low - 2 * edge, low - edge),
+        1.1 * trim,
     )
 
 
@@ -208,9 +212,9 @@ def _balcony(canvas: _Canvas, middle: float, low: float, scale: float, tones: tu
         canvas.fill((at - 0.012 * scale, at + 0.012 * scale), (floor, floor + 0.95 * scale), bars)
 
 
-def _tree(rng: np.random.Generator, canvas: _Canvas, eye: float, leaves: Field) -> None:
-    """A broad-leaved tree, 20 to 38 m away: a trunk and a crown of round clumps, light above and dark below."""
-    scale = PLANE_DISTANCE / float(rng.uniform(20.0, 38.0))
+def _tree(rng: np.random.Generator, canvas: _Canvas, eye: float, leaves: Field, distance: float, haze: float) -> None:
+    """A broad-leaved tree at a distance (m): a trunk and a crown of round clumps, light above and dark below."""
+    scale = PLANE_DISTANCE / distance
     high, radius = float(rng.uniform(6.0, 12.0)) * scale, float(rng.uniform(2.0, 3.4)) * scale
     middle, foot = float(rng.uniform(0.0, PLANE_SIZE[0])), -eye * scale
     canvas.fill((middle - 0.14 * scale, middle + 0.14 * scale), (foot, foot + high - radius), _BARK)
@@ -232,5 +236,6 @@ def _tree(rng: np.random.Generator, canvas: _Canvas, eye: float, leaves: Field) 
         mask = np.maximum(mask, covers)
     colour = _LEAVES[int(rng.integers(len(_LEAVES)))] * float(rng.uniform(0.8, 1.2))
     crown = colour * (np.clip(shade, 0.2, 1.6) * np.clip(1 + 0.35 * grain, 0.25, 2.2))[..., None]
+    crown = (1 - haze) * crown + haze * _HAZE
     place = np.ix_(rows, columns % canvas.width)
     canvas.light[place] = mix(canvas.light[place], crown, mask)
