@@ -26,8 +26,8 @@ CASING_WIDTH, CASING_DEPTH = 0.07, 0.016
 SKY_STRIPS = 36
 #: Share of the outdoors' light in the picture of it. Cameras merge a second, shorter exposure where a room's would only
 #: be white (P. E. Debevec and J. Malik, "Recovering high dynamic range radiance maps from photographs", SIGGRAPH 1997);
-#: two stops leave windows overexposed in part, as in photographs of interiors.
-VIEW_SHARE = 0.25
+#: one stop leaves windows overexposed in part, as in photographs of interiors.
+VIEW_SHARE = 0.5
 #: The heights of the view, as shares of it, whose light falls from the lowest and from the highest strip of a pane, and
 #: the standard deviation (the same unit) by which it is blurred: each strip shines to all sides.
 _LIT_FROM, _LIGHT_BLUR = (0.28, 0.79), 0.03

@@ -101,11 +101,8 @@ class CameraBackend:
 
     def warm_up(self) -> None:
         """As the renderer's; the camera's kernels are compiled too."""
-        from generators.core.jit import compile_lock
-
         self._renderer.warm_up()
-        with compile_lock("camera"):
-            self._camera.photograph(np.zeros((2, 2, 3), dtype=np.uint8), np.random.default_rng(0))
+        warm_up()
 
     def open(self, scene: Scene, intrinsics: Intrinsics) -> CameraSession:
         """As the renderer's."""
@@ -136,3 +133,12 @@ class CameraSession:
     def close(self) -> None:
         """As the renderer's."""
         self._session.close()
+
+
+def warm_up() -> None:
+    """Compile the camera's kernels, or wait for another process that does."""
+    from generators.core.jit import compile_lock
+
+    with compile_lock("camera"):
+        camera = PhoneCamera(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        camera.photograph(np.zeros((2, 2, 3), dtype=np.uint8), np.random.default_rng(0))
