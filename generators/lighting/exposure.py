@@ -22,8 +22,10 @@ _EYE_HEIGHT = 1.5
 _GRID = 4
 _TURNS = 8
 _SIDE = 24
-#: Rays in all directions from each place, which find the colour of the light.
-_RAYS = 2048
+#: Where in a room its light is balanced: shares of its width and depth.
+_MIDDLE = np.array([0.375, 0.625])
+#: Rays in all directions from each of these places.
+_RAYS = 8192
 #: Bounds of the ratio of two gains of the white balance; those of cameras reach from about 2500 K to 10000 K.
 _MOST_GAIN = 3.0
 
@@ -35,9 +37,9 @@ def expose(scene: Scene, lit: LitScene | None = None, workers: int = 1) -> Scene
     of the scene: Reinhard et al. 2002) is shown at `MEAN_TONE`, darker if too much of the room would burn out. Rooms
     from which nothing lit is seen keep their exposure.
 
-    The white balance makes a grey card neutral that hangs in the room and turns to all sides: its gains are those of
-    the mean radiance that arrives at the same places from everywhere, windows and lamps included. Green, red and blue
-    are scaled together so that the luminance of this light stays.
+    The white balance makes a grey card neutral that turns to all sides in the middle of the room: its gains are the
+    inverse of the mean radiance that arrives there from everywhere, windows and lamps included, scaled together so that
+    the luminance of this light stays.
     """
     if not scene.rooms:
         return scene
@@ -47,17 +49,16 @@ def expose(scene: Scene, lit: LitScene | None = None, workers: int = 1) -> Scene
     return replace(scene, rooms=rooms)
 
 
-def _eyes(room: Room) -> NDArray[np.float64]:
-    """(16, 3) places in a room, at eye height."""
+def _eyes(room: Room, share: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n², 3) places in a room at eye height, at the shares (n,) of its width and depth."""
     low, high = np.array(room.low), np.array(room.high)
-    share = (np.arange(_GRID) + 0.5) / _GRID
     x, z = np.meshgrid(low[0] + share * (high[0] - low[0]), low[2] + share * (high[2] - low[2]), indexing="ij")
     return np.stack([x.ravel(), np.full(x.size, min(low[1] + _EYE_HEIGHT, high[1] - 0.1)), z.ravel()], axis=1)
 
 
 def _balanced(lit: LitScene, room: Room) -> Room:
     """The room with its white balance."""
-    eyes = _eyes(room)
+    eyes = _eyes(room, _MIDDLE)
     # A spiral over the sphere (A. González, "Measurement of areas on a sphere using Fibonacci and latitude-longitude
     # lattices", Mathematical Geosciences 42, 2010).
     up = 1 - (2 * np.arange(_RAYS) + 1) / _RAYS
@@ -78,7 +79,7 @@ def _balanced(lit: LitScene, room: Room) -> Room:
 
 def _exposed(lit: LitScene, room: Room) -> Room:
     """The room with its exposure."""
-    eyes = _eyes(room)
+    eyes = _eyes(room, (np.arange(_GRID) + 0.5) / _GRID)
     plane = (np.arange(_SIDE) + 0.5) / _SIDE * 2 - 1
     right, up = np.meshgrid(plane, plane, indexing="ij")
     yaw = np.arange(_TURNS) * 2 * np.pi / _TURNS
