@@ -35,7 +35,7 @@ from numpy.typing import NDArray  # noqa: E402
 
 from avs3d_bench.errors import Avs3dError  # noqa: E402
 from avs3d_bench.geometry import Intrinsics, Pose  # noqa: E402
-from generators.core.scene import Material, Scene  # noqa: E402
+from generators.core.scene import NEUTRAL, Material, Scene  # noqa: E402
 from generators.core.tone import develop  # noqa: E402
 
 F32 = NDArray[np.float32]
@@ -194,7 +194,7 @@ def our_picture(scene: Scene, pose: Pose, camera: Intrinsics) -> tuple[F32, NDAr
         cx=camera.cx * n,
         cy=camera.cy * n,
     )
-    session = EmbreeBackend().open(replace(scene, exposure=1.0), fine)
+    session = EmbreeBackend().open(replace(scene, exposure=1.0, white=NEUTRAL), fine)
     radiance, face = session.radiance(pose)
     session.close()
     shape = (camera.height, n, camera.width, n)
@@ -306,7 +306,7 @@ def difference_map(view: Comparison) -> NDArray[np.uint8]:
     return np.where((view.label >= 0)[..., None], colour, 128).astype(np.uint8)
 
 
-def sheet(views: Sequence[Comparison], exposure: float) -> NDArray[np.uint8]:
+def sheet(views: Sequence[Comparison], exposure: float | NDArray[np.float64]) -> NDArray[np.uint8]:
     """Rows of our picture, the reference and the map of their difference."""
     rows = []
     for view in views:
@@ -376,8 +376,8 @@ def main(
             results[key] = {name: agreement(found, label) for label, name in enumerate(CLASSES)}
             results[key]["all"] = agreement(found)
             name = key.replace("/", "-")
-            picture = sheet(found, scene.exposure)
-            rows.append(sheet(found[:1], scene.exposure))
+            picture = sheet(found, scene.gains)
+            rows.append(sheet(found[:1], scene.gains))
             cv2.imwrite(str(output / f"{name}.png"), np.ascontiguousarray(picture[..., ::-1]))
             np.savez_compressed(
                 output / f"{name}.npz",

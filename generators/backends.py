@@ -14,6 +14,7 @@ from generators.acoustics.receivers import check_engine
 from generators.core.cuda import cuda_version
 from generators.core.rays import TRACERS
 from generators.options import EngineOptions
+from generators.vision import camera
 from generators.vision.base import VisionBackend
 
 #: Backends by name: module and class of each.
@@ -94,6 +95,8 @@ def warm_up(options: EngineOptions) -> None:
         Avs3dError: if what it needs is not installed.
     """
     vision_backend(options.renderer, options.device).warm_up()
+    if options.camera != "ideal":
+        camera.warm_up()
     engine = acoustic_backend(options)
     if isinstance(engine, CompiledBackend):
         engine.warm_up()

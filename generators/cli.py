@@ -17,7 +17,7 @@ from avs3d_bench.contract import layout
 from avs3d_bench.runtime.one_thread import ONE_THREAD
 from avs3d_bench.scheduling.options import Options, scheduling_options
 from generators.core.limits import FRAMES, SIZE, WORKERS
-from generators.options import Audio, CameraName, Device, Extra, Form, GenerateOptions, Vision
+from generators.options import Audio, CameraName, Device, EngineOptions, Extra, Form, GenerateOptions, Vision
 
 #: Folders and receivers that `--with` takes; a receiver has a value of its own.
 _FOLDERS: tuple[Extra, ...] = get_args(Extra)
@@ -100,9 +100,9 @@ _OPTIONS = (
     click.option(
         "--camera",
         type=click.Choice(get_args(CameraName)),
-        default="ideal",
+        default=EngineOptions.camera,
         show_default=True,
-        help="phone: exposure, vignette, noise and sharpening of a camera.",
+        help="Exposure, vignette, noise and sharpening of a camera: mild, or a phone's; ideal: none.",
     ),
     click.option(
         "--habitat-python",

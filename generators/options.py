@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Vision = Literal["embree", "cuda", "habitat", "pathtraced", "splats"]
 Audio = Literal["soundspaces", "tracer", "analytic"]
 Device = Literal["cpu", "cuda"]
-CameraName = Literal["ideal", "phone"]
+CameraName = Literal["ideal", "mild", "phone"]
 Extra = Literal["depth", "rirs", "stems"]
 #: Forms of a dataset: a folder of files for each observation, or shards of samples.
 Form = Literal["folders", "webdataset"]
@@ -53,8 +53,8 @@ class EngineOptions:
         audio: acoustic engine; soundspaces needs rlr-audio-propagation (CC-BY-NC 4.0). None: the manifest's, else the
             tracer.
         device: draws the pictures, bakes the light and, with the tracer, traces the sound; cuda needs ``[cuda]``.
-        camera: ideal: pictures as they are rendered; phone: with its exposure, vignette, noise and sharpening (see
-            `generators.vision.camera`).
+        camera: mild: exposure, vignette, noise and sharpening of a good camera; phone: more of them (see
+            `generators.vision.camera`); ideal: pictures as they are rendered.
         receivers: what hears the sound; see `generators.acoustics.receivers.choose_receivers`.
         extras: optional folders: depth pictures, impulse responses, stems (of part_3).
         scans: folder with scans; None: ``$AVS3D_SCANS``, else that of the manifest.
@@ -63,7 +63,7 @@ class EngineOptions:
     vision: Vision | None = None
     audio: Audio | None = None
     device: Device = "cpu"
-    camera: CameraName = "ideal"
+    camera: CameraName = "mild"
     receivers: Receivers = OWN_HEAD
     extras: Sequence[Extra] = field(default=(), metadata=_NO_BYTES)
     scans: Path | None = field(default=None, metadata=_NO_BYTES)

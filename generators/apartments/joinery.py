@@ -7,33 +7,32 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.random import Generator
+from scipy.ndimage import gaussian_filter1d
 
-from generators.apartments.floorplan import WallFrame, WallOpening
+from generators.apartments.floorplan import SIDES, WallFrame, WallOpening
 from generators.apartments.roomshell import RoomShell
+from generators.assets.textures.noise import to_linear
+from generators.assets.textures.outdoors import EYE, HORIZON, PLANE_DISTANCE, PLANE_SIZE
 from generators.core.scene import Material, Texture
+from generators.core.tone import LUMINANCE
 
-#: Radiance of the sky behind a window pane, in the scene's light unit.
-SKY_RADIANCE = 16.0
+#: Mean luminance of what is outside, in the scene's light unit.
+OUTDOOR_RADIANCE = 12.0
 #: Distance of the panes behind the wall's inner surface (m).
 PANE_DEPTH = 0.16
 #: Width of the casings round doors and windows, and how far they stand out from the wall (m).
 CASING_WIDTH, CASING_DEPTH = 0.07, 0.016
 #: Number of strips into which a pane is cut, each with its own radiance: the blurred view of the outdoors.
 SKY_STRIPS = 36
-#: Radiance of the outdoors as the camera sees it: a little brighter than a white wall, not overexposed.
-VIEW_BRIGHTNESS = (2.3, 2.3, 2.3)
-#: Width of the outdoors that the view's texture spans, on the pane (m).
-VIEW_WIDTH = 3.2
-
-#: Shares of a window's height, from its lower edge up, and the colour of the light that comes from there (linear RGB):
-#: dark and light garden, haze over the horizon, bright and blue sky. Between them, colours are interpolated.
-_OUTDOORS = (
-    (0.0, (0.20, 0.24, 0.15)),
-    (0.22, (0.30, 0.36, 0.24)),
-    (0.42, (0.78, 0.80, 0.76)),
-    (0.62, (1.05, 1.04, 1.0)),
-    (1.0, (0.86, 0.97, 1.14)),
-)
+#: Share of the outdoors' light in the picture of it. Cameras merge a second, shorter exposure where a room's would only
+#: be white (P. E. Debevec and J. Malik, "Recovering high dynamic range radiance maps from photographs", SIGGRAPH 1997);
+#: one stop leaves windows overexposed in part, as in photographs of interiors.
+VIEW_SHARE = 0.5
+#: The heights of the view, as shares of it, whose light falls from the lowest and from the highest strip of a pane, and
+#: the standard deviation (the same unit) by which it is blurred: each strip shines to all sides.
+_LIT_FROM, _LIGHT_BLUR = (0.28, 0.79), 0.03
+#: How far the view moves from wall to wall: each looks to another side (share of the view's width).
+_TURN = {side: k / 4 for k, side in enumerate(SIDES)}
 #: Tints of the daylight (linear RGB): white, warm, cool.
 _SKIES = ((1.0, 1.0, 1.0), (1.03, 1.0, 0.95), (0.95, 0.99, 1.06))
 #: What a pane itself reflects (linear RGB), and its roughness.
@@ -130,12 +129,14 @@ def casing(shell: RoomShell, wall: WallFrame, along: tuple[float, float], top: f
 
 
 def sky_strips(style: ShellStyle, view: Texture) -> tuple[Material, ...]:
-    """Materials of the strips of a pane, from the lowest up: garden, bright haze, sky; the camera sees ``view``."""
-    stops = np.array([share for share, _ in _OUTDOORS])
-    colours = np.array([colour for _, colour in _OUTDOORS])
-    heights = (np.arange(SKY_STRIPS) + 0.5) / SKY_STRIPS
-    radiance = np.stack([np.interp(heights, stops, colours[:, c]) for c in range(3)], axis=1)
-    radiance *= SKY_RADIANCE * np.array(style.sky)
+    """Materials of the strips of a pane, from the lowest up, which shine like ``view`` from its ground to its sky."""
+    rows = to_linear(view.pixels[::-1] / 255.0).mean(axis=1)
+    rows = gaussian_filter1d(rows, _LIGHT_BLUR * len(rows), axis=0, mode="nearest")
+    heights = np.interp((np.arange(SKY_STRIPS) + 0.5) / SKY_STRIPS, (0, 1), _LIT_FROM) * len(rows)
+    radiance = rows[heights.astype(int)]
+    unit = OUTDOOR_RADIANCE * np.array(style.sky) / float((radiance @ LUMINANCE).mean())
+    radiance = radiance * unit
+    red, green, blue = (VIEW_SHARE * unit).tolist()
     return tuple(
         Material(
             f"sky_{i}",
@@ -144,7 +145,8 @@ def sky_strips(style: ShellStyle, view: Texture) -> tuple[Material, ...]:
             texture=view,
             emission=(float(r), float(g), float(b)),
             roughness=_PANE_ROUGHNESS,
-            shown=VIEW_BRIGHTNESS,
+            shown=(red, green, blue),
+            view_distance=PLANE_DISTANCE,
         )
         for i, (r, g, b) in enumerate(radiance)
     )
@@ -210,10 +212,15 @@ def window(
                 if b - a > _LEAST_PANE:
                     pane = ((low, a, back), (high, a, back), (high, b, back), (low, b, back))
                     view = (
-                        ((low - s0) / VIEW_WIDTH, (high - s0) / VIEW_WIDTH),
-                        ((a - y0) / (y1 - y0), (b - y0) / (y1 - y0)),
+                        (_across(wall, low), _across(wall, high)),
+                        (HORIZON + (a - EYE) / PLANE_SIZE[1], HORIZON + (b - EYE) / PLANE_SIZE[1]),
                     )
                     shell.pane(np.array([wall.point(*c) for c in pane]), material, *view)
+
+
+def _across(wall: WallFrame, along: float) -> float:
+    """Where the view begins at a place ``along`` a wall, as a share of its width; alike for all rooms on a façade."""
+    return float(wall.point(along, 0.0) @ wall.u) / PLANE_SIZE[0] + _TURN[wall.side]
 
 
 def _window_handle(

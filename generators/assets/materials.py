@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from avs3d_bench.errors import UsageError
 from generators.assets import finishes
 from generators.assets.styles import STYLES, Style
-from generators.assets.textures import cloth, pictures, surfaces, wood
+from generators.assets.textures import cloth, outdoors, pictures, surfaces, wood
 from generators.assets.textures.maps import Surface, roughness_map, surfaced
 from generators.assets.textures.noise import Image, hex_colour, shift_colour, to_linear
 from generators.core.scene import Material, Texture
@@ -383,7 +383,7 @@ _RECIPES: dict[str, Recipe] = {
     "door": _boards("doors"),
     "window_frame": _boards("frames", 0.45),
     "window_sill": _tinted("wood", wood.painted, "#e8e6e0", 0.4),
-    "window_view": _drawn("glass", pictures.outdoor, 0.49),
+    "window_view": _drawn("glass", outdoors.outdoors, 0.49),
     "wood": _boards("wood", 0.5),
     "wood_alt": _boards("wood_alt", 0.5),
     "butcher": lambda palette, style, role, rng: finishes.worktop(role, "wood:oak", rng),

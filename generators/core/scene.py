@@ -19,6 +19,9 @@ from avs3d_bench.errors import Avs3dError
 F32 = NDArray[np.float32]
 I32 = NDArray[np.int32]
 
+#: White balance that changes nothing.
+NEUTRAL = (1.0, 1.0, 1.0)
+
 SupportKind = Literal["floor", "worktop", "shelf", "side_table", "wall"]
 
 
@@ -41,9 +44,11 @@ class Material:
             reflect at normal incidence.
         texture: optional; sampled at the mesh's uv.
         emission: radiance (3,) in the scene's light unit; lamps and window panes.
-        shown: if set, the camera sees ``texture`` × ``shown`` here, independent of light and exposure. It is for the
-            view behind a window pane, whose radiance is far beyond the range of a picture; interior photographers
-            expose it separately.
+        shown: if set, radiance (3,) that multiplies the texture: what is seen here in place of colour × light +
+            emission, namely the view behind a window pane. ``emission``, its mean, is what lights the room.
+        view_distance: distance (m) behind the face of the plane on which ``texture`` × ``shown`` is seen through the
+            face. ``uv`` is that of the face; it goes on along the plane, in v up to the texture's edges. The middle
+            of the texture's height is level with the eye.
         roughness: glTF's, the root of the microfacet model's α (GGX); 1 = matte.
         metallic: 1 = metal, 0 = dielectric with an index of refraction of 1.5.
         normal_map: optional; tangent space of ``uv``, green up, not sRGB (glTF 2.0, 3.9.3).
@@ -59,6 +64,7 @@ class Material:
     texture: Texture | None = None
     emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
     shown: tuple[float, float, float] | None = None
+    view_distance: float = 0.0
     roughness: float = 1.0
     metallic: float = 0.0
     normal_map: Texture | None = None
@@ -182,12 +188,13 @@ class Part:
 
 @dataclass(frozen=True)
 class Room:
-    """A room: its type, its inner box (metres) and the exposure for its light."""
+    """A room: its type, its inner box (metres), and the exposure and white balance (`Scene.white`) for its light."""
 
     name: str
     low: tuple[float, float, float]
     high: tuple[float, float, float]
     exposure: float = 1.0
+    white: tuple[float, float, float] = NEUTRAL
 
 
 @dataclass(frozen=True)
@@ -261,7 +268,8 @@ class ScanLight:
 class Scene:
     """A home with its rooms and objects: all that a renderer and an acoustic engine need.
 
-    ``exposure`` multiplies linear light before the tone curve (`Scene.for_room` sets the room's own). ``stage`` is the
+    ``exposure`` multiplies linear light before the tone curve, ``white`` its channels (R, G, B): the white balance
+    (`Scene.for_room` sets the room's own; the pictures of a scan have theirs already). ``stage`` is the
     file of the parts with instance id 0, if they are one scan, and ``splats`` that of the same place in 3D Gaussians;
     ``scan_light`` is there once objects are placed in the scan.
     """
@@ -274,6 +282,12 @@ class Scene:
     stage: StageFile | None = None
     splats: SplatFile | None = None
     scan_light: ScanLight | None = None
+    white: tuple[float, float, float] = NEUTRAL
+
+    @property
+    def gains(self) -> NDArray[np.float64]:
+        """(3,) factors of red, green and blue light before the tone curve: exposure × white balance."""
+        return self.exposure * np.array(self.white)
 
     def room(self, name: str) -> Room:
         """The first room called ``name``.
@@ -291,8 +305,9 @@ class Scene:
         return self.stage is not None and part.instance_id == 0
 
     def for_room(self, name: str) -> Scene:
-        """The same scene exposed for one room."""
-        return replace(self, exposure=self.room(name).exposure)
+        """The same scene with the exposure and white balance of one room."""
+        room = self.room(name)
+        return replace(self, exposure=room.exposure, white=room.white)
 
     def with_parts(self, parts: tuple[Part, ...]) -> Scene:
         """The scene with further parts (placed instances)."""

@@ -6,8 +6,8 @@ Optimization of HDR Color Pipelines", GDC 2016, with shoulder 1)::
     f(x) = x^a / (b·x^a + c),      f(0) = 0,   f(MID_GREY) = MID_GREY,   f(WHITE) = 1
 
 a is the contrast in the shadows, where f ~ x^a; the two conditions f(MID_GREY) and f(WHITE) determine b and c. At
-mid-grey the slope on a log-log plot is a·(1 − b·MID_GREY) ≈ 1.1. A diffuse white (x = 1) is shown at 0.71 (sRGB 219 of
-255). Radiance from `WHITE` on, 4.5 stops above mid-grey, is shown as pure white, similar to a phone's camera. The curve
+mid-grey the slope on a log-log plot is a·(1 − b·MID_GREY) ≈ 1.1. A diffuse white (x = 1) is shown at 0.68 (sRGB 216 of
+255). Radiance from `WHITE` on, 5.5 stops above mid-grey, is shown as pure white, similar to a phone's camera. The curve
 is applied to each channel separately, so that bright colours lose saturation towards white, as on film.
 """
 
@@ -23,7 +23,7 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
 #: Fixed point of the curve, as radiance times exposure: 18 % grey, sRGB 118 of 255.
 MID_GREY = 0.18
 #: The smallest radiance (times exposure) that is shown as pure white.
-WHITE = 4.0
+WHITE = 8.0
 #: Exponent of the toe.
 CONTRAST = 1.3
 

@@ -31,11 +31,11 @@ from generators.core.rays import TRACERS
 from generators.core.scene import Licence, LightMap, Material, Mesh, Part, Room, Scene, Support, Texture
 
 #: Version of the file layout; increase it when the layout changes.
-FORMAT = 3
+FORMAT = 4
 INDEX = "index.json"
 #: Attributes of a material that are textures, and that are numbers.
 _MAPS = ("texture", "normal_map", "roughness_map")
-_NUMBERS = ("roughness", "metallic", "transmission", "clearcoat")
+_NUMBERS = ("roughness", "metallic", "transmission", "clearcoat", "view_distance")
 #: Age (s) after which unfinished folders of dead processes are deleted.
 _STALE = 86400.0
 #: Array files: dtype and shape of one row.
@@ -228,7 +228,7 @@ def _pack(scene: Scene) -> tuple[dict[str, list[NDArray[Any]]], dict[str, Any]]:
     index = {
         "name": scene.name,
         "exposure": float(scene.exposure),
-        "rooms": [[r.name, _floats(r.low), _floats(r.high), float(r.exposure)] for r in scene.rooms],
+        "rooms": [[r.name, _floats(r.low), _floats(r.high), float(r.exposure), _floats(r.white)] for r in scene.rooms],
         "supports": [
             [s.kind, s.room, *(_floats(v) for v in (s.origin, s.u, s.v, s.normal, s.front)), float(s.clearance)]
             for s in scene.supports
@@ -354,7 +354,10 @@ def _unpack(arrays: dict[str, NDArray[Any]], index: dict[str, Any]) -> Scene:
             light = LightMap(uv=reader.take("light_uv", faces), texels=texels)
         licence = Licence(*entry["licence"])
         parts.append(Part(entry["name"], mesh, entry["instance_id"], entry["category"], light, licence))
-    rooms = tuple(Room(name, tuple(low), tuple(high), exposure) for name, low, high, exposure in index["rooms"])
+    rooms = tuple(
+        Room(name, tuple(low), tuple(high), exposure, tuple(white))
+        for name, low, high, exposure, white in index["rooms"]
+    )
     supports = tuple(
         Support(kind, room, tuple(origin), tuple(u), tuple(v), tuple(normal), tuple(front), clearance)
         for kind, room, origin, u, v, normal, front, clearance in index["supports"]

@@ -96,8 +96,8 @@ def prepare_observation(plan: ObservationPlan, cache: Path) -> PreparedObservati
         Avs3dError: if a room does not exist, is too small for the objects or the walk, or a file is missing or broken.
     """
     renderer = vision_backend(plan.options.renderer, plan.options.device)
-    if plan.options.camera == "phone":
-        renderer = CameraBackend(renderer, plan.rng("camera"))
+    if plan.options.camera != "ideal":
+        renderer = CameraBackend(renderer, plan.rng("camera"), plan.options.camera)
     return prepare_sources(plan, *arranged(plan, cache, renderer), renderer)
 
 

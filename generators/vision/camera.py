@@ -1,6 +1,6 @@
 """A camera instead of an ideal picture: exposure, vignette, sensor noise, sharpening; on colour alone.
 
-What a phone adds to a rendered frame, in the order in which light meets it: the lens darkens the corners, exposure and
+What a camera adds to a rendered frame, in the order in which light meets it: the lens darkens the corners, exposure and
 white balance are slightly off, photons and the sensor's electronics bring noise, the phone smooths it a little and
 sharpens edges. Depth and instance ids stay as they are.
 
@@ -14,7 +14,6 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.core.freespace import Navigable
@@ -23,19 +22,25 @@ from generators.core.tone import SRGB_ENTRIES, decode_table, srgb_encode
 from generators.vision.base import RenderedView, VisionBackend, VisionSession
 from generators.vision.views import pose_number
 
-#: Parameter → least and greatest value that is drawn.
-RANGES = {
-    "exposure": (-0.25, 0.25),  # stops
-    "warmth": (-0.04, 0.04),  # share by which red is raised and blue lowered
-    "vignette": (0.05, 0.25),  # share of the light that is missing in the corners
-    "shot": (2e-5, 1.5e-4),  # variance of the noise over the light
-    "read": (0.0005, 0.002),  # standard deviation of the noise in the dark
-    "sharpening": (0.1, 0.5),  # share of the detail that is added again
+#: Camera → parameter → least and greatest value that is drawn.
+RANGES: dict[str, dict[str, tuple[float, float]]] = {
+    "mild": {
+        "exposure": (-0.1, 0.1),  # stops
+        "warmth": (-0.012, 0.012),  # share by which red is raised and blue lowered
+        "vignette": (0.03, 0.12),  # share of the light that is missing in the corners
+        "shot": (1e-5, 5e-5),  # variance of the noise over the light
+        "read": (0.0003, 0.001),  # standard deviation of the noise in the dark
+        "sharpening": (0.1, 0.25),  # share of the detail that is added again
+    },
+    "phone": {
+        "exposure": (-0.25, 0.25),
+        "warmth": (-0.04, 0.04),
+        "vignette": (0.05, 0.25),
+        "shot": (2e-5, 1.5e-4),
+        "read": (0.0005, 0.002),
+        "sharpening": (0.1, 0.5),
+    },
 }
-#: A row of the smoothing of the noise and of the blur whose complement is sharpened.
-_BLUR = np.array([0.25, 0.5, 0.25], dtype=np.float32)
-#: Root of the sum of squares of `_BLUR` in two dimensions: by so much it lowers white noise.
-_LEFT = float(np.square(_BLUR).sum())
 
 
 @dataclass(frozen=True)
@@ -55,22 +60,23 @@ class PhoneCamera:
     sharpening: float
 
     @staticmethod
-    def drawn(rng: np.random.Generator) -> PhoneCamera:
-        """A camera within `RANGES`."""
-        return PhoneCamera(**{name: float(rng.uniform(low, high)) for name, (low, high) in RANGES.items()})
+    def drawn(rng: np.random.Generator, kind: str) -> PhoneCamera:
+        """A camera within the `RANGES` of ``kind``."""
+        return PhoneCamera(**{name: float(rng.uniform(low, high)) for name, (low, high) in RANGES[kind].items()})
 
     def photograph(self, rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
         """The picture that the camera takes of what ``rgb`` (H, W, 3) shows; both are 8-bit sRGB."""
+        from generators.vision import camera_kernels as kernels
+
         height, width = rgb.shape[:2]
-        x, y = (np.linspace(-1.0, 1.0, count, dtype=np.float32) for count in (width, height))
-        falloff = 1.0 - self.vignette * (np.square(x) + np.square(y)[:, None]) / 2.0
         gains = 2.0**self.exposure * np.array([1.0 + self.warmth, 1.0, 1.0 - self.warmth])
-        light = decode_table()[rgb] * falloff[..., None] * gains.astype(np.float32)
-        noise = rng.standard_normal(rgb.shape, dtype=np.float32)
-        light += _blurred(noise) * np.sqrt(self.shot / _LEFT**2 * light + (self.read / _LEFT) ** 2, dtype=np.float32)
-        shown = _encoded()[(light * len(_encoded())).clip(0, len(_encoded()) - 1).astype(np.int32)]
-        shown += self.sharpening * (shown - _blurred(shown))
-        return np.asarray(np.rint(shown.clip(0.0, 255.0)), dtype=np.uint8)
+        noise = rng.standard_normal((height + 2, width + 2, 3), dtype=np.float32)
+        shown = np.empty(rgb.shape, dtype=np.float32)
+        decode, encode = decode_table(), _encoded()
+        kernels.expose(rgb, noise, decode, encode, gains, self.vignette, self.shot, self.read, shown)
+        out = np.empty(rgb.shape, dtype=np.uint8)
+        kernels.sharpen(shown, self.sharpening, out)
+        return out
 
 
 @cache
@@ -79,28 +85,24 @@ def _encoded() -> NDArray[np.float32]:
     return (255.0 * srgb_encode((np.arange(SRGB_ENTRIES) + 0.5) / SRGB_ENTRIES)).astype(np.float32)
 
 
-def _blurred(picture: NDArray[np.float32]) -> NDArray[np.float32]:
-    """``picture`` (H, W, 3) convolved with `_BLUR` in both directions."""
-    rows = ndimage.convolve1d(picture, _BLUR, axis=0, mode="nearest")
-    return np.asarray(ndimage.convolve1d(rows, _BLUR, axis=1, mode="nearest"), dtype=np.float32)
-
-
 class CameraBackend:
     """A renderer whose pictures are taken by a camera.
 
     Args:
         renderer: draws what the camera sees.
         rng: the camera and the noise of its pictures are drawn from it.
+        kind: a key of `RANGES`.
     """
 
-    def __init__(self, renderer: VisionBackend, rng: np.random.Generator) -> None:
+    def __init__(self, renderer: VisionBackend, rng: np.random.Generator, kind: str) -> None:
         self._renderer = renderer
-        self._camera, self._seed = PhoneCamera.drawn(rng), int(rng.integers(2**62))
+        self._camera, self._seed = PhoneCamera.drawn(rng, kind), int(rng.integers(2**62))
         self.name, self.version = renderer.name, renderer.version
 
     def warm_up(self) -> None:
-        """As the renderer's."""
+        """As the renderer's; the camera's kernels are compiled too."""
         self._renderer.warm_up()
+        warm_up()
 
     def open(self, scene: Scene, intrinsics: Intrinsics) -> CameraSession:
         """As the renderer's."""
@@ -131,3 +133,12 @@ class CameraSession:
     def close(self) -> None:
         """As the renderer's."""
         self._session.close()
+
+
+def warm_up() -> None:
+    """Compile the camera's kernels, or wait for another process that does."""
+    from generators.core.jit import compile_lock
+
+    with compile_lock("camera"):
+        camera = PhoneCamera(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        camera.photograph(np.zeros((2, 2, 3), dtype=np.uint8), np.random.default_rng(0))

@@ -40,6 +40,8 @@ _JSON, _BINARY = 0x4E4F534A, 0x004E4942
 _PNG_FLAGS = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
 if hasattr(cv2, "IMWRITE_PNG_FILTER"):
     _PNG_FLAGS += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG]
+#: Distance (m) from a window pane at which a file, which knows no view behind a pane, shows it as it is seen.
+_VIEWER = 2.0
 #: Sides of the picture of a plain colour.
 _PLAIN = 4
 
@@ -72,6 +74,9 @@ def write_glb(
     normals = np.concatenate([part.mesh.normals for part in chosen.parts])
     uv = tables.uv.copy()
     uv[:, 1:] += uv[:, :1]
+    further = 1 + tables.view_distance[tables.surface] / _VIEWER
+    middle = np.array([0.0, 0.5])
+    uv = np.where(further[:, None, None] > 1, middle + (uv - middle) * further[:, None, None], uv).astype(np.float32)
     uv[..., 1] = 1 - uv[..., 1]  # glTF counts v downwards
     file = _GltfFile(both_sides)
     for label in sorted(set(labels)):

@@ -46,6 +46,8 @@ STRONG = 16
 
 _1, _2 = np.uint64(1), np.uint64(2)
 _ZERO, _ONE, _HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
+#: Share of the view's height at either edge that is left out: texels there mix with those of the other edge.
+_VIEW_EDGE = np.float32(0.004)
 
 
 class PinholeView(NamedTuple):
@@ -298,7 +300,7 @@ def shade(
     )
     # Arrays are taken out of the named tuples once: numba counts references whenever it does so.
     surfaces, albedo, emission = tables.surface, tables.albedo, tables.emission
-    texture_of, light_of = tables.texture, tables.light
+    texture_of, light_of, view_distance = tables.texture, tables.light, tables.view_distance
     normal, gradient, uv, light_uv = tables.normal, tables.gradient, tables.uv, tables.light_uv
     light_texels, light_offset, light_size = tables.light_texels, tables.light_offset, tables.light_size
     pool = tables.textures
@@ -326,6 +328,12 @@ def shade(
             hx, hy, hz = gradient[f, 1, 0], gradient[f, 1, 1], gradient[f, 1, 2]
             gd, hd = gx * dx + gy * dy + gz * dz, hx * dx + hy * dy + hz * dz
             depth = distance[i]
+            if view_distance[surface] > _ZERO:
+                # The ray goes on to the plane of the view, which is parallel to the face.
+                further = view_distance[surface] * abs(inverse)
+                depth += further
+                s += gd * further
+                t = min(max(t + hd * further, _VIEW_EDGE), _ONE - _VIEW_EDGE)
             r, g, b = _filtered(
                 texels,
                 decode,

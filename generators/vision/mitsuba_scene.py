@@ -241,7 +241,7 @@ class MitsubaScene:
                 faces = np.flatnonzero((mesh.face_material == index) & solid)
                 kinds = [(material, faces)]
                 if is_picture:
-                    light = inverse_tone_curve(middle_colours(material, mesh.uv[faces])) / scene.exposure
+                    light = inverse_tone_curve(middle_colours(material, mesh.uv[faces])) / scene.gains
                     black = Material(material.name, material.acoustic, (0.0, 0.0, 0.0))
                     kinds = [(replace(black, emission=radiance), faces[own]) for radiance, own in _alike(light)]
                 for kind, own in kinds:

@@ -15,8 +15,7 @@ photograph.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -30,7 +29,7 @@ from generators.core.scene import F32, Material, Part, Scene
 from generators.core.tone import WHITE, develop
 from generators.vision.base import RenderedView
 from generators.vision.embree import EmbreeBackend
-from generators.vision.mitsuba_scene import MAX_DEPTH, ROULETTE_DEPTH, MitsubaScene, load_mitsuba, middle_colours
+from generators.vision.mitsuba_scene import MAX_DEPTH, ROULETTE_DEPTH, MitsubaScene, load_mitsuba
 from generators.vision.views import check_camera, pose_number, trial_scene, view_of
 
 #: Paths a pixel, for each of the two scenes (lamps and sky; the sun).
@@ -106,8 +105,8 @@ class PathtracedSession:
 
     def __init__(self, mi: Any, scene: Scene, intrinsics: Intrinsics) -> None:
         check_camera(intrinsics)
-        self._mi, self._intrinsics, self._exposure = mi, intrinsics, scene.exposure
-        self._labels = EmbreeBackend().open(replace(scene, parts=tuple(_through_windows(scene))), intrinsics)
+        self._mi, self._intrinsics, self._gains = mi, intrinsics, scene.gains
+        self._labels = EmbreeBackend().open(scene, intrinsics)
         self._scenes = MitsubaScene(mi, scene).scenes
         # The last one of each stands for no face.
         self._is_picture = _of_faces(scene, lambda part, material: scene.is_scan(part) or material.shown is not None)
@@ -156,7 +155,7 @@ class PathtracedSession:
             for number, scene in enumerate(self._scenes):
                 rays, sampler = self._rays(pose, block.start, count, seed + number)
                 found = self._path.sample(scene, sampler, rays)[0]
-                light = [self._mi.Float(found[channel] * self._exposure) for channel in range(3)]
+                light = [self._mi.Float(found[channel] * float(self._gains[channel])) for channel in range(3)]
                 # Once for all that follows; and one scene at a time, since OptiX cannot trace two in one kernel.
                 dr.eval(light)
                 total[0, block] += self._means(light, most)
@@ -197,19 +196,6 @@ def _of_faces(scene: Scene, is_so: Callable[[Part, Material], bool]) -> NDArray[
     """(faces + 1,) whether it is so for each face; False at the end."""
     table = [np.array([is_so(part, m) for m in part.mesh.materials])[part.mesh.face_material] for part in scene.parts]
     return np.append(np.concatenate(table), False)
-
-
-def _through_windows(scene: Scene) -> Iterator[Part]:
-    """The parts, with panes that show what lights the room: their picture, with their emission as its mean."""
-    for part in scene.parts:
-        mesh, materials = part.mesh, list(part.mesh.materials)
-        for index, material in enumerate(materials):
-            if material.shown is not None:
-                plain = replace(material, colour=(1.0, 1.0, 1.0))
-                seen = middle_colours(plain, mesh.uv[mesh.face_material == index]).mean(axis=0).clip(1e-3)
-                red, green, blue = (scene.exposure * np.asarray(material.emission) / seen).tolist()
-                materials[index] = replace(material, shown=(red, green, blue))
-        yield replace(part, mesh=replace(mesh, materials=tuple(materials)))
 
 
 def _inside(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

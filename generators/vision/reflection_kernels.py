@@ -174,7 +174,7 @@ def add_mean(face: I32, distance: F32, u: F32, v: F32, direction: F32, tables: S
     texture_of, light_of = tables.texture, tables.light
     light_texels, light_offset, light_size = tables.light_texels, tables.light_offset, tables.light_size
     texels, offset, size, first, decode = tables.textures
-    exposure, albedo, emission = tables.exposure[0], tables.albedos, tables.emission
+    gains, albedo, emission = tables.gains, tables.albedos, tables.emission
     width = _ZERO
     for i in range(face.shape[0]):
         f = face[i]
@@ -202,12 +202,12 @@ def add_mean(face: I32, distance: F32, u: F32, v: F32, direction: F32, tables: S
             for k in range(3):
                 light[i, k] = emission[surface, k] + rest * (light[i, k] - emission[surface, k])
         rest = (_ONE - metallic) * DIELECTRIC
-        r = g = b = exposure
+        r, g, b = gains[0], gains[1], gains[2]
         place = light_of[surface]
         if place >= 0:
             x, y = _at(light_uv, f, b1, b2)
             r, g, b = _light(light_texels, light_offset[place], light_size[place, 0], light_size[place, 1], x, y)
-            r, g, b = exposure * r, exposure * g, exposure * b
+            r, g, b = gains[0] * r, gains[1] * g, gains[2] * b
         light[i, 0] += ((rest + metallic * red) * one + other) * r
         light[i, 1] += ((rest + metallic * green) * one + other) * g
         light[i, 2] += ((rest + metallic * blue) * one + other) * b
@@ -271,7 +271,7 @@ def reflect(
     light_texels, light_offset, light_size = tables.light_texels, tables.light_offset, tables.light_size
     texels, offset, size, first, decode = tables.textures
     map_texels, map_offset, map_size, map_first, map_decode = tables.maps
-    exposure = tables.exposure[0]
+    gains = tables.gains
     albedo, emission = tables.albedos, tables.emission
     for k in range(rows.shape[0]):
         i = rows[k]
@@ -330,12 +330,12 @@ def reflect(
         kept = (_ONE - metallic) * (_ONE - clear) * through
         r = g = b = _ZERO
         if traced < _ONE:
-            r = g = b = exposure
+            r, g, b = gains[0], gains[1], gains[2]
             place = light_of[surface]
             if place >= 0:
                 x, y = _at(light_uv, f, b1, b2)
                 r, g, b = _light(light_texels, light_offset[place], light_size[place, 0], light_size[place, 1], x, y)
-                r, g, b = exposure * r, exposure * g, exposure * b
+                r, g, b = gains[0] * r, gains[1] * g, gains[2] * b
         mean = (_ONE - traced) * through
         for c, add in ((0, red * r), (1, green * g), (2, blue * b)):
             glow = emission[surface, c]
@@ -502,7 +502,7 @@ def follow(
     light_texels, light_offset, light_size = tables.light_texels, tables.light_offset, tables.light_size
     texels, offset, size, first, decode = tables.textures
     map_texels, map_offset, map_size, map_first, map_decode = tables.maps
-    exposure = tables.exposure[0]
+    gains = tables.gains
     developed, glow, undeveloped = tables.developed, tables.glow, tables.undeveloped
     count = 0
     for i in range(face.shape[0]):
@@ -560,27 +560,27 @@ def follow(
         if developed[surface]:
             lr, lg, lb = cr, cg, cb
             if light_of[surface] >= 0:
-                r = g = b = exposure
+                r, g, b = gains[0], gains[1], gains[2]
                 place = light_of[surface]
                 if place >= 0:
                     x, y = _at(light_uv, f, b1, b2)
                     r, g, b = _light(
                         light_texels, light_offset[place], light_size[place, 0], light_size[place, 1], x, y
                     )
-                    r, g, b = exposure * r, exposure * g, exposure * b
-                lr, lg, lb = lr * r / exposure, lg * g / exposure, lb * b / exposure
+                    r, g, b = gains[0] * r, gains[1] * g, gains[2] * b
+                lr, lg, lb = lr * r / gains[0], lg * g / gains[1], lb * b / gains[2]
             lr, lg, lb = _radiance_of(undeveloped, lr), _radiance_of(undeveloped, lg), _radiance_of(undeveloped, lb)
         else:
             lr = lg = lb = _ZERO
             if kept > _ZERO:
-                r = g = b = exposure
+                r, g, b = gains[0], gains[1], gains[2]
                 place = light_of[surface]
                 if place >= 0:
                     x, y = _at(light_uv, f, b1, b2)
                     r, g, b = _light(
                         light_texels, light_offset[place], light_size[place, 0], light_size[place, 1], x, y
                     )
-                    r, g, b = exposure * r, exposure * g, exposure * b
+                    r, g, b = gains[0] * r, gains[1] * g, gains[2] * b
                 lr, lg, lb = kept * cr * r, kept * cg * g, kept * cb * b
             if side > _ZERO:
                 lr += glow[surface, 0]

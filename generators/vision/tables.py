@@ -34,13 +34,14 @@ class SceneTables(NamedTuple):
         texture: (S,) int32 texture of the pool, −1 for none.
         light: (S,) int32 light map, −1 for none.
         instance: (S,) uint16 instance id.
-        albedo: (S, 3) float32 material colour times exposure, or the colour that is shown instead.
-        emission: (S, 3) float32 emission times exposure; 0 where something is shown in its place.
+        albedo: (S, 3) float32 material colour, or radiance of what is shown instead, times `Scene.gains`.
+        emission: (S, 3) float32 emission times `Scene.gains`; 0 where something is shown in its place.
+        view_distance: (S,) float32 `Material.view_distance`.
         shine: (S,) uint8, what the surface reflects besides diffuse light: see `MATTE`, `SATIN`, `GLOSSY`.
         finish: (S, 4) float32 roughness, metallic, transmission, clearcoat.
         colour: (S, 3) float32 material colour.
-        glow: (S, 3) float32 emission times exposure, where something is shown in its place too.
-        exposure: (1,) float32.
+        glow: (S, 3) float32 emission times `Scene.gains`, where something is shown in its place too.
+        gains: (3,) float32 `Scene.gains`.
         corner_normal: (F, 3, 3) float32: shading normal of corner 0, and the differences to it of corners 1 and 2.
         bumps: (S,) int32 normal map of ``maps``, −1 for none.
         roughening: (S,) int32 roughness map of ``maps``, −1 for none.
@@ -64,11 +65,12 @@ class SceneTables(NamedTuple):
     instance: NDArray[np.uint16]
     albedo: F32
     emission: F32
+    view_distance: F32
     shine: NDArray[np.uint8]
     finish: F32
     colour: F32
     glow: F32
-    exposure: F32
+    gains: F32
     corner_normal: F32
     bumps: I32
     roughening: I32
@@ -105,12 +107,12 @@ def build_tables(scene: Scene) -> tuple[SceneTables, F32]:
     shown = np.array([material.shown is not None for material in materials])
     developed = np.array([scene.is_scan(part) for part in scene.parts], dtype=np.uint8)[part_of]
     albedo = [
-        material.shown or tuple((1.0 if done else scene.exposure) * channel for channel in material.colour)
+        (1.0 if done else scene.gains) * np.array(material.shown or material.colour)
         for material, done in zip(materials, developed, strict=True)
     ]
     bump_maps, bump_index = distinct([material.normal_map for material in materials])
     rough_maps, rough_index = distinct([material.roughness_map for material in materials])
-    glow = np.array([material.emission for material in materials], dtype=np.float32) * np.float32(scene.exposure)
+    glow = (np.array([material.emission for material in materials]) * scene.gains).astype(np.float32)
     triangles = np.concatenate([mesh.positions for mesh in meshes])
     uv = np.concatenate([mesh.uv for mesh in meshes])
     normal, gradient = _frames(triangles, uv)
@@ -131,11 +133,12 @@ def build_tables(scene: Scene) -> tuple[SceneTables, F32]:
         finish=np.array([(m.roughness, m.metallic, m.transmission, m.clearcoat) for m in materials], dtype=np.float32),
         colour=np.array([material.colour for material in materials], dtype=np.float32),
         glow=glow,
-        exposure=np.array([scene.exposure], dtype=np.float32),
+        gains=scene.gains.astype(np.float32),
         corner_normal=_relative(np.concatenate([mesh.normals for mesh in meshes])),
         bumps=np.array(bump_index, dtype=np.int32),
         roughening=np.array([i if i < 0 else i + len(bump_maps) for i in rough_index], dtype=np.int32),
         maps=build_plain_pool([*bump_maps, *rough_maps]),
+        view_distance=np.array([material.view_distance for material in materials], dtype=np.float32),
         developed=developed,
         albedos=albedo_table(),
         undeveloped=inverse_tone_curve(np.linspace(0.0, 1.0, 1024)).astype(np.float32),
@@ -162,8 +165,10 @@ def _shine(material: Material, developed: bool) -> int:
 def _check(scene: Scene) -> None:
     if not scene.parts:
         raise Avs3dError(f"{scene.name}: the scene has no parts; expected at least one mesh to render")
-    if not (np.isfinite(scene.exposure) and scene.exposure > 0):
-        raise Avs3dError(f"{scene.name}: the exposure is {scene.exposure}, expected a finite number > 0")
+    if not (np.isfinite(scene.gains).all() and scene.gains.min() > 0):
+        raise Avs3dError(
+            f"{scene.name}: exposure {scene.exposure} and white balance {scene.white}; expected finite numbers > 0"
+        )
     for part in scene.parts:
         name = f"{scene.name}/{part.name}"
         part.mesh.check(name)

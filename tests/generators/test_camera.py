@@ -57,9 +57,10 @@ def test_sharpening_steepens_an_edge_and_leaves_plains() -> None:
     assert (found[:, 10] == 155).all()
 
 
-def test_cameras_stay_within_their_ranges_and_differ() -> None:
-    cameras = [PhoneCamera.drawn(np.random.default_rng(seed)) for seed in range(50)]
-    for name, (low, high) in RANGES.items():
+@pytest.mark.parametrize("kind", RANGES)
+def test_cameras_stay_within_their_ranges_and_differ(kind: str) -> None:
+    cameras = [PhoneCamera.drawn(np.random.default_rng(seed), kind) for seed in range(50)]
+    for name, (low, high) in RANGES[kind].items():
         values = [getattr(camera, name) for camera in cameras]
         assert low <= min(values) < max(values) <= high
         assert max(values) - min(values) > 0.8 * (high - low)
@@ -69,7 +70,7 @@ def test_labels_stay_and_noise_depends_on_the_pose_alone() -> None:
     scene, intrinsics, pose = trial_scene()
     other = Pose.from_yaw((0.2, 0.1, 2.0), 0.05)
     plain = EmbreeBackend().open(scene, intrinsics).render(pose)
-    session = CameraBackend(EmbreeBackend(), np.random.default_rng(3)).open(scene, intrinsics)
+    session = CameraBackend(EmbreeBackend(), np.random.default_rng(3), "mild").open(scene, intrinsics)
     first, moved, again = (session.render(p) for p in (pose, other, pose))
     shared = session.share()
     assert shared is not None
@@ -80,7 +81,8 @@ def test_labels_stay_and_noise_depends_on_the_pose_alone() -> None:
     assert not np.array_equal(first.rgb, plain.rgb)
     empty = Intrinsics.from_fov(16)
     noise = [
-        CameraBackend(EmbreeBackend(), np.random.default_rng(3)).open(scene, empty).render(p).rgb for p in (pose, other)
+        CameraBackend(EmbreeBackend(), np.random.default_rng(3), "mild").open(scene, empty).render(p).rgb
+        for p in (pose, other)
     ]
     assert not np.array_equal(noise[0], noise[1])
     assert not np.array_equal(moved.rgb, first.rgb)

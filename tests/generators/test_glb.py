@@ -62,6 +62,12 @@ def pictures(path: Path) -> list[NDArray[np.uint8]]:
     return [cv2.imdecode(np.frombuffer(block, dtype=np.uint8), cv2.IMREAD_COLOR)[..., ::-1] for block in blocks]
 
 
+def without_view(part: Part) -> Part:
+    """The part with what its window panes show on the panes themselves."""
+    materials = tuple(replace(material, view_distance=0.0) for material in part.mesh.materials)
+    return replace(part, mesh=replace(part.mesh, materials=materials))
+
+
 def quad(material: Material, x: float = 0.0, side: float = 2.0) -> Mesh:
     """A square facing +Z with its lower left corner at (x, 0, 0), its texture fitted to it."""
     corners = [[x, 0, 0], [x + side, 0, 0], [x + side, side, 0], [x, side, 0]]
@@ -79,6 +85,8 @@ def lit(mesh: Mesh, texels: NDArray[np.float64]) -> Part:
 def test_a_furnished_flat_looks_the_same_from_its_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene, placements = furnish(small_flat())
     path = tmp_path / "flat.glb"
+    # A file shows the view outside as a picture on the pane.
+    scene = replace(scene, parts=tuple(without_view(part) for part in scene.parts))
     write_glb(scene, path)
     poses = looks(scene, np.array(placements[0].source_position))
     there = render(EmbreeBackend(), scene, poses, CAMERA)
@@ -194,12 +202,29 @@ def test_what_has_no_light_keeps_its_texture_and_coordinates(tmp_path: Path, sta
     assert back.materials[0].acoustic == "paper"
 
 
-def test_what_is_shown_in_place_of_a_lamp_ignores_light_and_exposure(tmp_path: Path) -> None:
+def test_what_is_shown_in_place_of_a_lamp_is_radiance_whatever_lights_it(tmp_path: Path) -> None:
     view = Material("view", "glass", emission=(50, 50, 50), shown=(0.6, 0.5, 0.4))
     path = tmp_path / "view.glb"
     write_glb(Scene("view", (lit(quad(view), np.full((4, 4, 3), 0.2)),), (), (), exposure=3.0), path)
     (picture,) = pictures(path)
-    assert np.array_equal(np.unique(picture.reshape(-1, 3), axis=0), [develop([0.6, 0.5, 0.4])])
+    assert np.array_equal(np.unique(picture.reshape(-1, 3), axis=0), [develop([1.8, 1.5, 1.2])])
+
+
+def test_the_view_behind_a_pane_is_as_large_in_a_file_as_it_is_seen_from_two_metres(tmp_path: Path) -> None:
+    stripes = np.zeros((64, 64, 3), dtype=np.uint8)
+    stripes[:, ::8] = stripes[::8] = 255
+    view = Material("view", "glass", texture=Texture("view", stripes), shown=(1.0, 1.0, 1.0), view_distance=30.0)
+    pane = quad(view)
+    # The middle of the picture's height is level with the eye; it is 40 m wide and high.
+    uv = (pane.positions[..., :2] - pane.positions[..., :2].mean(axis=(0, 1))) / 40 + np.array([0.0, 0.5])
+    scene = Scene("view", (Part("pane", replace(pane, uv=uv.astype(np.float32))),), (), ())
+    path = tmp_path / "view.glb"
+    write_glb(scene, path)
+    middle = scene.parts[0].mesh.positions.mean(axis=(0, 1))
+    pose = Pose.from_yaw((float(middle[0]), float(middle[1]), float(middle[2]) + 2.0), 0.0)
+    there, back = (render(EmbreeBackend(), each, [pose], CAMERA)[0].rgb for each in (scene, as_scan(path, scene)))
+    assert there.std() > 20
+    assert psnr(there, back) > 35
 
 
 # --- charts ---------------------------------------------------------------------------------------------------------

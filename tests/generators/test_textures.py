@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from generators.assets.textures import ceramic, cloth, noise, pictures, surfaces, wood
+from generators.assets.textures import ceramic, cloth, noise, outdoors, pictures, surfaces, wood
 from generators.assets.textures.maps import Surface, normal_map, roughness_map, surfaced
 from generators.assets.textures.noise import Image, hex_colour, to_linear, to_srgb
 
@@ -67,7 +67,7 @@ FITTED: dict[str, Maker] = {
     **{
         f"painting {m}": lambda rng, m=m: pictures.painting(rng, COLOURS, motif=m, size=128) for m in pictures.PAINTINGS
     },  # type: ignore[misc]
-    "outdoor": lambda rng: pictures.outdoor(rng, size=128),
+    "outdoors": lambda rng: outdoors.outdoors(rng, size=256),
     "books": lambda rng: pictures.book_spines(rng, COLOURS, size=384),
     "leaf": lambda rng: pictures.leaf(rng, H("#4b7440"), size=128),
     "hob": lambda rng: pictures.hob(rng, size=256),

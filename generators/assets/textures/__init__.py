@@ -7,6 +7,6 @@ and rugs are fitted once over a face. The mean linear albedo is between 0.03 and
 strong as in a real flat.
 """
 
-from generators.assets.textures import ceramic, cloth, maps, noise, pictures, surfaces, wood
+from generators.assets.textures import ceramic, cloth, maps, noise, outdoors, pictures, surfaces, wood
 
-__all__ = ["ceramic", "cloth", "maps", "noise", "pictures", "surfaces", "wood"]
+__all__ = ["ceramic", "cloth", "maps", "noise", "outdoors", "pictures", "surfaces", "wood"]

@@ -1,4 +1,4 @@
-"""Images that do not repeat: pictures for frames, the view from a window, book spines, leaves, appliance fronts."""
+"""Images that do not repeat: pictures for frames, book spines, leaves, appliance fronts."""
 
 from __future__ import annotations
 
@@ -163,25 +163,6 @@ def painting(rng: np.random.Generator, colours: tuple[Field, ...], *, motif: str
     canvas = spectral(rng, (size, size), 0.3, finest=2)
     out = _MOTIFS[motif](rng, paper, colours, canvas)
     return to_image(np.clip(out * (1 + 0.012 * canvas)[..., None], 0, 1))
-
-
-def outdoor(rng: np.random.Generator, *, size: int = 512) -> Image:
-    """The view from a window, out of focus: sky with thin cloud over trees and a lawn; its sides meet."""
-    shape = (size, size)
-    x, y = grid(size, size)
-    sky = mix(hex_colour("#a9cbee"), hex_colour("#eaf3fb"), np.clip(y / 0.6, 0, 1))
-    cloud = smoothstep(-0.2, 1.6, spectral(rng, shape, 1.8, stretch=(1.0, 2.5), finest=24))
-    out = mix(sky, np.array([0.99, 0.99, 0.985]), 0.75 * cloud)
-    for top, tone, haze in ((0.56, "#8fae86", 0.45), (0.63, "#71985f", 0.2), (0.74, "#86a95f", 0.05)):
-        bumps = sum(
-            rng.uniform(0.02, 0.05) / f**0.6 * np.sin(2 * np.pi * (f * x + rng.random())) for f in (1, 2, 3, 5, 8)
-        )
-        leaves = spectral(rng, shape, 1.2, finest=8, coarsest=120)
-        tint = hex_colour(tone) * (1 - haze) + haze * np.array([0.86, 0.91, 0.95])
-        crowd = tint * (1 + 0.10 * leaves)[..., None]
-        out = mix(out, np.clip(crowd, 0, 1), smoothstep(-0.012, 0.012, y - top - bumps))
-    soft = cv2.GaussianBlur(np.pad(out, [(20, 20), (20, 20), (0, 0)], mode="wrap"), (0, 0), 4.0)
-    return to_image(np.asarray(soft[20:-20, 20:-20], dtype=np.float64))
 
 
 def book_spines(rng: np.random.Generator, colours: tuple[Field, ...], *, size: int = 768) -> Image:
