@@ -63,7 +63,7 @@ LIGHTING = {
     "open the tracer": "generators.lighting.bake:open_tracer",
     "find the emitters": "generators.lighting.bake:find_emitters",
     "find the sun": "generators.lighting.bake:find_sun",
-    "unwrap a part": "generators.lighting.bake:_layout",
+    "unwrap a part": "generators.lighting.bake:lay_out",
     "join the light maps": "generators.lighting.bake:Sheet.of",
     "find the texels": "generators.lighting.bake:rasterise",
     "group them in blocks": "generators.lighting.bake:make_blocks",

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
 from generators.core.rays import Tracer, open_tracer
-from generators.core.scene import F32, LightMap, Part, Room, Scene
+from generators.core.scene import F32, LightMap, Part, Scene
 from generators.lighting.blocks import Blocks, make_blocks
 from generators.lighting.direct import direct_light, emitter_pairs, shadow_rays
 from generators.lighting.emitters import BRIGHT, Emitters, bright_patches, find_emitters
@@ -26,11 +26,12 @@ from generators.lighting.insertion import insert
 from generators.lighting.interpolation import Slow
 from generators.lighting.lit_scene import LitScene
 from generators.lighting.radiosity import LinkTracer, final_gather, solve
+from generators.lighting.resolution import Fineness, lay_out, rims
 from generators.lighting.smoothing import fill, smooth, spread
 from generators.lighting.sun import Sun, find_sun, sun_light
 from generators.lighting.surfaces import LitSurfaces, in_chunks, rows_in_chunks
 from generators.lighting.texels import Sheet, Texels, rasterise
-from generators.lighting.unwrap import LightMapLayout, unwrap
+from generators.lighting.unwrap import LightMapLayout
 
 __all__ = ["QUALITIES", "Quality", "bake", "insert"]
 
@@ -40,18 +41,14 @@ class Quality:
     """How finely light is baked.
 
     Attributes:
-        texel: side of the texels of large surfaces, metres; small parts get finer ones.
-        finest: the smallest texel, metres.
-        floor: how many times finer floors are: most contact shadows lie there.
+        fineness: of the texels.
         shadow_rays: per texel and emitter.
         sun_rays: per texel.
         block_rays: per 4 × 4 texels, for the bounces.
         gather_rays: per texel, for the last bounce.
     """
 
-    texel: float
-    finest: float
-    floor: float
+    fineness: Fineness
     shadow_rays: int
     sun_rays: int
     block_rays: int
@@ -59,9 +56,9 @@ class Quality:
 
 
 QUALITIES = {
-    "preview": Quality(0.10, 0.05, 1.0, 8, 8, 64, 16),
-    "standard": Quality(0.04, 0.015, 2.0, 16, 32, 128, 32),
-    "high": Quality(0.025, 0.01, 2.0, 32, 32, 256, 128),
+    "preview": Quality(Fineness(0.10, 0.05, 1.0), 8, 8, 64, 16),
+    "standard": Quality(Fineness(0.04, 0.015, 2.0), 16, 32, 128, 32),
+    "high": Quality(Fineness(0.025, 0.01, 2.0), 32, 32, 256, 128),
 }
 #: An emitter that could give less than this part of a texel's direct light gets fewer shadow rays.
 _FAINT = 0.08
@@ -71,8 +68,6 @@ _FAINT_PATCH = 0.16
 _UNWRAPPERS = 4
 #: Differences of this many standard deviations count as noise.
 _REACH = 3.0
-#: A part gets about this many texels before its texels grow to the preset's size.
-_PART_TEXELS = 4500
 
 
 def bake(scene: Scene, *, quality: str = "standard", workers: int = 2, device: str = "cpu") -> Scene:
@@ -96,7 +91,7 @@ def bake(scene: Scene, *, quality: str = "standard", workers: int = 2, device: s
         raise Avs3dError(f"bake {scene.name}: the scene has no parts; expected at least one")
     preset = QUALITIES[quality]
     with ThreadPoolExecutor(min(workers, _UNWRAPPERS)) as pool:
-        unwrapped = [pool.submit(_layout, part, scene.rooms, preset) for part in scene.parts]
+        unwrapped = [pool.submit(lay_out, part, scene.rooms, scene.supports, preset.fineness) for part in scene.parts]
         # What needs no light maps, meanwhile.
         surfaces = LitSurfaces.of(scene.parts)
         tracer = open_tracer(surfaces.triangles, device)
@@ -106,7 +101,8 @@ def bake(scene: Scene, *, quality: str = "standard", workers: int = 2, device: s
     sheet = Sheet.of(layouts)
     dark = np.array([part.light is None for part in scene.parts])
     texels = rasterise(surfaces, sheet, dark[surfaces.part], workers)
-    tiles = make_blocks(surfaces, sheet, texels, workers)
+    part_of = surfaces.part[texels.face]
+    tiles = make_blocks(surfaces, sheet, texels, workers).where(~rims(scene.parts, sheet, texels, part_of))
     is_open = open_texels(surfaces, texels, tiles, tracer, workers)
     blocks = tiles.where(is_open)
     bare, variance = _direct(texels, blocks, emitters, tracer, workers)
@@ -114,7 +110,7 @@ def bake(scene: Scene, *, quality: str = "standard", workers: int = 2, device: s
     patches, sampled = _patches(texels, blocks, bare, preset, workers)
     link_tracer = LinkTracer(surfaces, sheet, texels, blocks, tracer, workers)
     links = link_tracer.trace(preset.block_rays)
-    slow = Slow.of(sheet, surfaces.part[texels.face], texels, blocks, links.distance, links.is_enclosed, workers)
+    slow = Slow.of(sheet, part_of, texels, blocks, links.distance, links.is_enclosed, workers)
     link_tracer.complete(links, np.flatnonzero(slow.is_slow & ~links.is_enclosed))
     again, more = _direct(texels, blocks, patches, tracer, workers, (bare, slow))
     direct = _smoothed(surfaces, sheet, texels, blocks, (bare + again, variance + more), workers)
@@ -142,22 +138,6 @@ def with_light(parts: tuple[Part, ...], layouts: list[LightMapLayout], sheet: Sh
         texels = np.minimum(sheet.image(number, cells), 6e4).astype(np.float16)
         out.append(replace(part, light=LightMap(uv=uv, texels=texels)))
     return tuple(out)
-
-
-def _layout(part: Part, rooms: tuple[Room, ...], preset: Quality) -> LightMapLayout:
-    """Unwrap one part; texels of floors and of small parts are finer."""
-    if part.light is not None:
-        height, width = part.light.texels.shape[:2]
-        size = np.array([width, height], dtype=np.float32)
-        return LightMapLayout(part.light.uv * size, np.zeros(len(part.light.uv), dtype=np.int32), width, height)
-    positions = part.mesh.positions.astype(np.float64)
-    cross = np.cross(positions[:, 1] - positions[:, 0], positions[:, 2] - positions[:, 0])
-    length = np.linalg.norm(cross, axis=1)
-    texel = float(np.clip(np.sqrt(length.sum() / 2 / _PART_TEXELS), preset.finest, preset.texel))
-    level = positions.mean(axis=1)[:, 1]
-    is_floor = (cross[:, 1] > 0.99 * length) & np.any([np.abs(level - room.low[1]) < 0.02 for room in rooms], axis=0)
-    finer = np.where(is_floor & (texel >= preset.texel), preset.floor, 1.0).astype(np.float32)
-    return unwrap(part.mesh.positions, texel, finer, part.mesh.normals)
 
 
 def _sunlight(texels: Texels, blocks: Blocks, beam: Sun | None, tracer: Tracer, preset: Quality, workers: int) -> F32:

@@ -96,13 +96,13 @@ def open_texels(
     Args:
         surfaces: the faces.
         texels: the texels.
-        tiles: all texels in blocks.
+        tiles: the texels in blocks; those that are in none are not open.
         tracer: over all faces.
         workers: threads.
     """
     table = cosine_directions(_PROBES, (0x2545F491, 0x4F6CDD1D))
     quarter = _PROBES // 4
-    is_open = np.ones(len(texels), dtype=bool)
+    is_open = tiles.of >= 0
 
     def backs(texel: NDArray[np.int64], probes: F32) -> NDArray[np.int32]:
         """(n,) how many probes meet the back of a face."""

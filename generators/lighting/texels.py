@@ -23,6 +23,8 @@ PULL = 0.004
 _CHUNK = 1 << 14
 #: Squared distance from which on a texel's centre lies beside its face (texels²); below it is rounding.
 _ASIDE = 1e-4
+#: A face that curves with a smaller radius than this (texels) is a rounded edge, too narrow for texels of its own.
+_TIGHT = 0.75
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +100,8 @@ def rasterise(surfaces: LitSurfaces, sheet: Sheet, wanted: NDArray[np.bool_] | N
     """Find the texels that bilinear look-up on any face can touch.
 
     A texel whose centre lies beside its face stands for the nearest point of the face, so that the map is defined
-    a full texel beyond every chart's border.
+    a full texel beyond every chart's border. A texel on a rounded edge stands for the wide face beside it: the edge's
+    normals lean towards what lies round the corner, and its light would spread over the rim of the wide face.
 
     Args:
         surfaces: the faces.
@@ -108,15 +111,20 @@ def rasterise(surfaces: LitSurfaces, sheet: Sheet, wanted: NDArray[np.bool_] | N
     """
     cells = int(sheet.offset[-1])
     nearest = np.full(cells, np.inf, dtype=np.float32)
+    beside = np.full(cells, np.inf, dtype=np.float32)
     owner = np.full(cells, -1, dtype=np.int32)
     weights = np.zeros((cells, 2), dtype=np.float32)
+    tight = _is_tight(surfaces, sheet)
     faces = np.flatnonzero(np.ones(len(sheet.uv), dtype=bool) if wanted is None else wanted)
     # Faces are ordered by part, and each part has cells of its own.
     begin = np.searchsorted(surfaces.part[faces], np.arange(len(sheet.width) + 1))
 
     def cover(first: int, last: int) -> None:
         own = faces[begin[first] : begin[last]]
-        _cover(own, sheet.uv, surfaces.part, sheet.offset, sheet.width, sheet.height, nearest, owner, weights)
+        maps = sheet.uv, sheet.chart, surfaces.part, sheet.offset, sheet.width, sheet.height
+        _cover(own, *maps, False, nearest, owner, weights)
+        if tight[own].any():
+            _cover(own[~tight[own]], *maps, True, beside, owner, weights)
 
     in_chunks(cover, len(sheet.width), 1, workers)
     cell = np.flatnonzero(owner >= 0)
@@ -164,6 +172,17 @@ def rasterise(surfaces: LitSurfaces, sheet: Sheet, wanted: NDArray[np.bool_] | N
     )
 
 
+def _is_tight(surfaces: LitSurfaces, sheet: Sheet) -> NDArray[np.bool_]:
+    """(F,) whether a face is part of a rounded edge: its normals turn by a lot over little width (see `_TIGHT`)."""
+    corners, normals = sheet.uv.astype(np.float64), surfaces.normals.astype(np.float64)
+    sides = np.roll(corners, -1, axis=1) - corners
+    longest = np.sqrt((sides**2).sum(axis=2).max(axis=1))
+    doubled = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
+    cosine = np.einsum("fkc,fkc->fk", normals, np.roll(normals, -1, axis=1)).min(axis=1)
+    turn = np.arccos(np.clip(cosine, -1.0, 1.0))
+    return np.asarray(doubled < _TIGHT * turn * longest)
+
+
 @inline
 def _closest(px: float, py: float, a: Any, b: Any, c: Any) -> Any:
     """Barycentric weights (of b and c) of the triangle's point nearest to (px, py) (Ericson 2005, section 5.1.5)."""
@@ -199,14 +218,17 @@ def _closest(px: float, py: float, a: Any, b: Any, c: Any) -> Any:
 def _cover(
     faces: NDArray[np.intp],
     uv: F32,
+    chart: I32,
     part: I32,
     offset: NDArray[np.int64],
     width: NDArray[np.int64],
     height: NDArray[np.int64],
+    again: bool,
     nearest: F32,
     owner: I32,
     weights: F32,
 ) -> None:
+    """Give cells to the nearest of some faces; ``again``: only those that a face of the same chart has."""
     for f in faces:
         p = part[f]
         a, b, c = uv[f, 0], uv[f, 1], uv[f, 2]
@@ -223,6 +245,8 @@ def _cover(
                     continue
                 distance = dx * dx + dy * dy
                 cell = offset[p] + y * width[p] + x
+                if again and (owner[cell] < 0 or chart[owner[cell]] != chart[f]):
+                    continue
                 if distance < nearest[cell]:
                     nearest[cell] = distance
                     owner[cell] = f

@@ -453,5 +453,5 @@ def test_charts_end_where_the_shading_normals_of_two_faces_differ() -> None:
 
 def test_presets_are_ordered() -> None:
     coarse, middle, fine = (QUALITIES[name] for name in ("preview", "standard", "high"))
-    assert coarse.texel > middle.texel > fine.texel
+    assert coarse.fineness.texel > middle.fineness.texel > fine.fineness.texel
     assert coarse.gather_rays < middle.gather_rays < fine.gather_rays

@@ -1,0 +1,79 @@
+"""How fine light maps are, and what their texels stand for: rounded edges, surfaces that carry objects, small parts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from generators.assets.shapes import MeshBuilder
+from generators.core.scene import Part, Scene, Support
+from generators.lighting import resolution
+from generators.lighting.bake import QUALITIES, bake
+from generators.lighting.resolution import lay_out
+from tests.generators.test_light import area_of, box_room, ceiling_lamp, matte, samples, scene_of
+
+SIDE = 2.0
+FINENESS = QUALITIES["standard"].fineness
+
+
+def room_with(*builders: MeshBuilder, quality: str = "standard") -> Scene:
+    """A grey room of 2 m with a lamp, and meshes in it, baked; they come first."""
+    meshes = [builder.build() for builder in builders]
+    shell = box_room(matte(0.6), (SIDE, SIDE, SIDE)).build()
+    return bake(scene_of(*meshes, shell, ceiling_lamp(1.0, 1.0, 0.6, 1.95)), quality=quality, workers=1)
+
+
+def texel_sides(mesh_part: Part, supports: Sequence[Support]) -> tuple[np.ndarray, np.ndarray]:
+    """For each face of a part: the side of its texels (m), and whether it faces up."""
+    own = lay_out(mesh_part, (), supports, FINENESS)
+    p, uv = mesh_part.mesh.positions.astype(np.float64), own.uv.astype(np.float64)
+    cross = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+    a, b = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+    layout = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    world = np.linalg.norm(cross, axis=1)
+    large = world > 1e-3
+    return np.sqrt(world / np.maximum(layout, 1e-12))[large], (cross[:, 1] > 0.99 * world)[large]
+
+
+def test_light_of_a_door_is_even_up_to_its_rounded_edge() -> None:
+    """The narrow gap between two doors is dark, and the doors beside it are not: nothing stands before them."""
+    doors = MeshBuilder()
+    for x in (0.748, 1.252):
+        doors.box((0.5, 0.7, 0.02), (x, 1.0, 0.3), matte(0.5), bevel=0.003)
+    doors.box((1.0, 0.7, 0.2), (1.0, 1.0, 0.185), matte(0.5))
+    points, normals, light = samples(room_with(doors).parts[0], 60000)
+    front = (normals[:, 2] > 0.9) & (points[:, 2] > 0.309) & (np.abs(points[:, 1] - 1.0) < 0.2)
+    away = np.abs(points[:, 0] - 1.0) - 0.002
+    rim = light[front & (away > 0.004) & (away < 0.015)].mean()
+    inner = light[front & (away > 0.06) & (away < 0.1)].mean()
+    assert rim == pytest.approx(inner, rel=0.05)
+
+
+def test_surfaces_that_carry_objects_have_the_finest_texels() -> None:
+    table = MeshBuilder().box((3.0, 0.04, 2.0), (1.5, 0.73, 1.0), matte(0.5)).build()
+    top = Support("worktop", "kitchen", (0.1, 0.75, 0.1), (2.8, 0, 0), (0, 0, 1.8), (0, 1, 0), (0, 0, 1))
+    sides, up = texel_sides(Part("table", table), (top,))
+    assert sides[up] == pytest.approx(FINENESS.finest, rel=0.02)
+    assert (sides[~up] > 1.5 * FINENESS.finest).all()
+    bare, _ = texel_sides(Part("table", table), ())
+    assert (bare > 1.5 * FINENESS.finest).all()
+
+
+def test_light_of_small_parts_is_that_of_finer_maps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A box and a jug on the floor: the same light as from light maps with several times as many measured texels."""
+    box = MeshBuilder().box((0.12, 0.1, 0.08), (0.7, 0.05, 0.9), matte(0.6), bevel=0.004)
+    jug = MeshBuilder().lathe([(0, 0), (0.05, 0), (0.06, 0.1), (0.03, 0.18), (0, 0.18)], matte(0.6), centre=(1.2, 0, 1))
+    baked = room_with(box, jug)
+    monkeypatch.setattr(resolution, "SMALL", 0.0)
+    finer = room_with(box, jug)
+    for number in range(2):
+        light, reference = (samples(scene.parts[number])[2].mean(axis=1) for scene in (baked, finer))
+        cells = [np.prod(scene.parts[number].light.texels.shape) for scene in (baked, finer)]  # type: ignore[union-attr]
+        assert cells[0] < 0.7 * cells[1]
+        visible = samples(baked.parts[number])[1][:, 1] > -0.5
+        error = np.abs(light - reference)[visible] / reference[visible].mean()
+        assert np.median(error) < 0.05
+        assert np.mean(error) < 0.08
+    assert area_of(baked.parts[0].mesh) < 0.07
