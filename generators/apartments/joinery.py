@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -96,6 +97,7 @@ class ShellStyle:
 
     Attributes:
         skirting: height of the skirting boards.
+        moulding: height of the thinner upper edge of the skirting boards, 0 = none.
         cornice: leg of the cornice's triangle, 0 = none.
         transom: share of the window's height at which a bar crosses it, 0 = none.
         window_casing: whether windows have a casing on the wall like doors.
@@ -103,21 +105,27 @@ class ShellStyle:
     """
 
     skirting: float
+    moulding: float
     cornice: float
     transom: float
     window_casing: bool
     sky: tuple[float, float, float]
 
     @classmethod
-    def from_rng(cls, rng: Generator) -> ShellStyle:
-        """`MODERN` or `CLASSIC`, with one of the tints of daylight."""
-        style = CLASSIC if rng.integers(2) else MODERN
+    def from_rng(cls, rng: Generator, options: Sequence[str] = ("modern", "classic")) -> ShellStyle:
+        """One of the ``options``, keys of `JOINERY`, with one of the tints of daylight."""
+        style = JOINERY[options[int(rng.integers(len(options)))]]
         return replace(style, sky=_SKIES[int(rng.integers(len(_SKIES)))])
 
 
-#: With mouldings, and without.
-CLASSIC = ShellStyle(skirting=0.11, cornice=0.06, transom=0.72, window_casing=True, sky=_SKIES[0])
-MODERN = ShellStyle(skirting=0.07, cornice=0.0, transom=0.0, window_casing=False, sky=_SKIES[0])
+#: What the styles of homes choose from (`generators.assets.styles.Style.joinery`).
+JOINERY = {
+    "grand": ShellStyle(skirting=0.155, moulding=0.035, cornice=0.09, transom=0.7, window_casing=True, sky=_SKIES[0]),
+    "classic": ShellStyle(skirting=0.11, moulding=0.02, cornice=0.06, transom=0.72, window_casing=True, sky=_SKIES[0]),
+    "modern": ShellStyle(skirting=0.07, moulding=0.0, cornice=0.0, transom=0.0, window_casing=False, sky=_SKIES[0]),
+    "low": ShellStyle(skirting=0.055, moulding=0.0, cornice=0.0, transom=0.76, window_casing=False, sky=_SKIES[0]),
+    "flat": ShellStyle(skirting=0.085, moulding=0.0, cornice=0.0, transom=0.0, window_casing=False, sky=_SKIES[0]),
+}
 
 
 def casing(shell: RoomShell, wall: WallFrame, along: tuple[float, float], top: float, frame: Material) -> None:

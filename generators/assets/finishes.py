@@ -23,6 +23,7 @@ DRY_FLOORS = {
     "herringbone": ("parquet", 0.64),
     "herringbone_straight": ("parquet", 0.64),
     "concrete": ("concrete", 0.64),
+    "ceramic": ("tile", 0.4),
     "terracotta": ("tile", 0.81),
 }
 
@@ -43,6 +44,11 @@ def dry_floor(kind: str, spec: str, rng: np.random.Generator) -> Image:
         return surfaces.concrete(rng, hex_colour(spec))
     if kind == "terracotta":
         return ceramic.terracotta(rng, hex_colour(spec), hex_colour("#b7a58c"))
+    if kind == "ceramic":
+        colour = hex_colour(spec)
+        return ceramic.tiles(
+            rng, colour, colour * 0.72, tiling=ceramic.Tiling(columns=4, rows=4, joint=2.5, tone=0.012, mottle=0.025)
+        )
     raise UsageError(f"unknown floor {kind!r}: expected one of {', '.join(DRY_FLOORS)}")
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from avs3d_bench.errors import UsageError
 from generators.assets import finishes
 from generators.assets.styles import STYLES, Style
-from generators.assets.textures import cloth, pictures, surfaces, wood
+from generators.assets.textures import cloth, pictures, prints, surfaces, wood
 from generators.assets.textures.noise import Image, hex_colour, shift_colour, to_linear
 from generators.core.scene import Material, Texture
 
@@ -29,7 +29,7 @@ T = TypeVar("T")
 
 ROOM_KINDS = ("bathroom", "kitchen", "living_room", "hall", "bedroom")
 #: Numbers of variants of the roles that have several.
-RUGS, PICTURES, PRINTS, TOWELS, CUSHIONS = 3, 6, 3, 3, 4
+RUGS, PICTURES, PRINTS, TOWELS, CUSHIONS, TONES = 3, 6, 3, 3, 4, 4
 
 #: Metres per repeat of each material's texture; 1 for materials that are not listed (fitted or plain).
 TILES: dict[str, float] = {
@@ -46,8 +46,11 @@ TILES: dict[str, float] = {
     **dict.fromkeys(("bath_mat", "leather", "steel", "wicker"), 0.4),
     "lamp_shade": 0.5,
     "soil": 0.2,
+    "cardboard": 0.3,
 }
 
+#: Linear RGB by which the light of lamps is multiplied; all have about the luminance of warm light.
+_LAMP_TINTS = {"warm": (1.0, 1.0, 1.0), "neutral": (0.93, 1.01, 1.2), "cool": (0.87, 1.02, 1.4)}
 #: Bare metal reflects at least this share of red, green or blue.
 _DARKEST_METAL = 0.2
 
@@ -291,6 +294,17 @@ def _picture(index: int) -> Recipe:
     return make
 
 
+def _tone(index: int) -> Recipe:
+    """Plain colours of small things: covers, boxes, toys."""
+
+    def make(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
+        colours = (*style.cushions, *style.art)
+        order = palette.stream("tones").permutation(len(colours))
+        return Material(role, "plastic", _linear(colours[int(order[index])]), roughness=0.6)
+
+    return make
+
+
 def _paint(field: str) -> Recipe:
     def make(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
         return Material(role, "wood", _linear(str(palette.choose(field, getattr(style, field)))), roughness=0.64)
@@ -306,8 +320,23 @@ def _tinted(acoustic: str, make: Callable[..., Image], colour: str, roughness: f
     return lambda palette, style, role, rng: _textured(role, acoustic, make(rng, hex_colour(colour)), roughness)
 
 
+def _lamp_tint(palette: Palette, style: Style) -> NDArray[np.float64]:
+    return np.array(_LAMP_TINTS[str(palette.choose("lamps", style.lamps))])
+
+
 def _lamp_shade(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
-    return _textured(role, "fabric", cloth.curtain(rng, hex_colour("#efe2c8")), emission=(15.0, 11.5, 7.6))
+    r, g, b = (float(c) for c in np.array((15.0, 11.5, 7.6)) * _lamp_tint(palette, style))
+    return _textured(role, "fabric", cloth.curtain(rng, hex_colour("#efe2c8")), emission=(r, g, b))
+
+
+def _glowing(colour: str, radiance: tuple[float, float, float]) -> Recipe:
+    """Glass of a lamp, in the tint of the home's lamps."""
+
+    def make(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
+        r, g, b = (float(c) for c in np.array(radiance) * _lamp_tint(palette, style))
+        return Material(role, "glass", _linear(colour), None, (r, g, b), roughness=0.49)
+
+    return make
 
 
 def _worktop(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
@@ -419,9 +448,20 @@ _RECIPES: dict[str, Recipe] = {
     "fruit_green": _plain("foliage", "#8aa843", 0.81),
     "fruit_red": _plain("foliage", "#b23a32", 0.81),
     "lamp_shade": _lamp_shade,
-    "lamp_glass": _plain("glass", "#f2ead8", 0.49, (19.0, 15.5, 11.0)),
-    "bulb": _plain("glass", "#fff1d6", 0.49, (60.0, 46.0, 30.0)),
+    "lamp_glass": _glowing("#f2ead8", (19.0, 15.5, 11.0)),
+    "bulb": _glowing("#fff1d6", (60.0, 46.0, 30.0)),
     "hood_light": _plain("glass", "#efe6d6", 0.49, (22.0, 19.0, 14.5)),
+    **{f"tone_{k}": _tone(k) for k in range(TONES)},
+    "toy_red": _plain("plastic", "#b8402f", 0.5),
+    "toy_yellow": _plain("plastic", "#d9ae3c", 0.5),
+    "toy_blue": _plain("plastic", "#3d6c97", 0.5),
+    "toy_green": _plain("plastic", "#5a8a4b", 0.5),
+    "page": _drawn("paper", prints.page),
+    "keyboard": _drawn("plastic", prints.keyboard, 0.6),
+    "cardboard": _tinted("paper", prints.cardboard, "#b48c5f"),
+    "mirror": lambda palette, style, role, rng: Material(
+        role, "glass", _linear("#d6d9d9"), roughness=0.02, metallic=1.0
+    ),
 }
 
 #: All roles for which a palette has a material.

@@ -105,7 +105,9 @@ def suitcase(kit: Kit) -> None:
     for x in (-0.16, 0.16):
         kit.box((0.03, 0.382, 0.193), (x, 0.191, 0.0), kit.m("leather"))
     t = np.linspace(0, np.pi, 7)
-    kit.tube(np.stack([0.06 * np.cos(t), 0.38 + 0.028 * np.sin(t), 0 * t], axis=1), 0.008, kit.m("plastic_black"), segments=5)
+    kit.tube(
+        np.stack([0.06 * np.cos(t), 0.38 + 0.028 * np.sin(t), 0 * t], axis=1), 0.008, kit.m("plastic_black"), segments=5
+    )
     kit.sound((-0.26, 0.0, -0.095), (0.26, 0.38, 0.095), kit.m("leather"))
 
 
@@ -113,7 +115,11 @@ def umbrella_stand(kit: Kit) -> None:
     """A tall vase with rolls of paper."""
     r, h = 0.11, 0.42
     outer = [(0.0, 0.0), (0.85 * r, 0.0), (r, 0.2 * h), (0.92 * r, h)]
-    kit.lathe([*outer, (0.84 * r, h), (0.8 * r, 0.6 * h), (0.0, 0.6 * h)], kit.m(kit.pick("pot", "wicker", "ceramic_accent")), segments=16)
+    kit.lathe(
+        [*outer, (0.84 * r, h), (0.8 * r, 0.6 * h), (0.0, 0.6 * h)],
+        kit.m(kit.pick("pot", "wicker", "ceramic_accent")),
+        segments=16,
+    )
     for k in range(3):
         a = 2.1 * k
         start = (0.03 * np.cos(a), 0.605 * h, 0.03 * np.sin(a))
@@ -132,7 +138,16 @@ def tray_box(kit: Kit) -> None:
 
 def ring_basket(kit: Kit) -> None:
     """A rectangular fabric bin with rope handles and toys or socks in it."""
-    rings = ring_stack([(0.28, 0.2, 0.03, 0.0), (0.3, 0.22, 0.035, 0.1), (0.31, 0.23, 0.04, 0.2), (0.29, 0.21, 0.04, 0.2), (0.28, 0.2, 0.035, 0.12)], per_corner=3)
+    rings = ring_stack(
+        [
+            (0.28, 0.2, 0.03, 0.0),
+            (0.3, 0.22, 0.035, 0.1),
+            (0.31, 0.23, 0.04, 0.2),
+            (0.29, 0.21, 0.04, 0.2),
+            (0.28, 0.2, 0.035, 0.12),
+        ],
+        per_corner=3,
+    )
     kit.loft(rings, kit.m(kit.pick("curtain", "cushion_0", "wicker", "print_2")), crease=50.0)
     for k in range(3):
         at = (-0.07 + 0.07 * k, 0.145, 0.03 * (-1) ** k)

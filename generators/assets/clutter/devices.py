@@ -15,15 +15,16 @@ from generators.core.scene import Material
 
 
 def remote_control(kit: Kit) -> None:
-    """A remote control with rows of keys."""
-    w, t, d = 0.046, 0.018, float(kit.rng.uniform(0.15, 0.2))
-    shell, keys = kit.m("plastic_black"), kit.m("steel")
+    """A slim remote control: a ring of keys in the middle, a few round ones below and above."""
+    w, t, d = 0.042, 0.014, float(kit.rng.uniform(0.17, 0.21))
+    shell, keys = kit.m(kit.pick("plastic_black", "plastic_black", "steel")), kit.m("steel")
     kit.panel((-w / 2, 0.0, -d / 2), (w / 2, t, d / 2), shell, bevel=0.004)
-    for row in range(6):
-        z = d / 2 - 0.03 - 0.019 * row
-        for x in (-0.013, 0.0, 0.013):
-            key = kit.m("toy_red") if row == 5 and x < 0 else keys
-            kit.box((0.007, 0.002, 0.006), (x, t + 0.001, z), key)
+    kit.cylinder(0.0145, 0.0016, (0.0, t + 0.0006, -0.022), keys, segments=12)
+    kit.cylinder(0.006, 0.003, (0.0, t + 0.0008, -0.022), shell, segments=8)
+    for z in (0.012, 0.03):
+        for x in (-0.01, 0.01):
+            kit.cylinder(0.0042, 0.0018, (x, t + 0.0006, z), keys, segments=6)
+    kit.cylinder(0.004, 0.0018, (0.0, t + 0.0006, -d / 2 + 0.018), kit.m("toy_red"), segments=6)
 
 
 def game_controller(kit: Kit) -> None:
@@ -125,8 +126,7 @@ def keyboard(kit: Kit) -> None:
 def mouse(kit: Kit) -> None:
     """A computer's mouse."""
     shell = kit.m(kit.pick("plastic_black", "plastic_white"))
-    kit.sphere((0.031, 0.022, 0.052), (0.0, 0.014, 0.0), shell, rings=6, segments=10)
-    kit.cylinder(0.03, 0.003, (0.0, 0.0015, 0.0), shell, segments=10)
+    kit.soft((0.06, 0.034, 0.105), (0.0, 0.017, 0.0), shell, radius=0.016, puff=(0.0, 0.004, 0.0), cells=3)
 
 
 def cable(kit: Kit, points: list[tuple[float, float, float]], material: Material, *, radius: float = 0.0035) -> None:
@@ -145,7 +145,13 @@ def power_strip(kit: Kit) -> None:
         kit.panel((x - 0.016, 0.039, -0.016), (x + 0.016, 0.07, 0.016), kit.m("plastic_white"), bevel=0.004)
     kit.box((0.018, 0.004, 0.012), (0.105, 0.039, 0.0), kit.m("toy_red"))
     bend = float(kit.rng.uniform(-0.08, 0.08))
-    line = [(0.139, 0.018, 0.0), (0.19, 0.006, 0.01), (0.26, 0.005, bend), (0.34, 0.005, 0.02 - bend), (0.4, 0.005, 0.0)]
+    line = [
+        (0.139, 0.018, 0.0),
+        (0.19, 0.006, 0.01),
+        (0.26, 0.005, bend),
+        (0.34, 0.005, 0.02 - bend),
+        (0.4, 0.005, 0.0),
+    ]
     cable(kit, line, shell)
 
 
@@ -162,7 +168,9 @@ def charging_cable(kit: Kit) -> None:
 def games_console(kit: Kit) -> None:
     """A games console lying flat."""
     w, h, d = 0.29, 0.06, 0.21
-    kit.panel((-w / 2, 0.004, -d / 2), (w / 2, h, d / 2), kit.m(kit.pick("plastic_black", "plastic_white")), bevel=0.006)
+    kit.panel(
+        (-w / 2, 0.004, -d / 2), (w / 2, h, d / 2), kit.m(kit.pick("plastic_black", "plastic_white")), bevel=0.006
+    )
     kit.box((w - 0.03, 0.004, d - 0.03), (0.0, 0.002, 0.0), kit.m("plastic_black"))
     kit.box((0.1, 0.003, 0.002), (0.03, 0.6 * h, d / 2 + 0.0005), kit.m("black_glass"))
 

@@ -50,15 +50,6 @@ def hook_rail(kit: Kit) -> None:
     kit.tube([(x - 0.07, -0.21, 0.06), (x, 0.006, 0.056), (x + 0.07, -0.21, 0.06)], 0.004, cloth, segments=4)
 
 
-def wall_plates(kit: Kit) -> None:
-    """Three decorative plates."""
-    kit.mount = "wall"
-    for k, (x, y, r) in enumerate(((-0.17, 0.0, 0.11), (0.08, 0.1, 0.09), (0.12, -0.12, 0.075))):
-        clay = kit.m(("ceramic_accent", "pot_white", "tone_1")[k])
-        rim = [(0.0, 0.0), (0.6 * r, 0.0), (r, 0.02), (r, 0.024), (0.62 * r, 0.008), (0.0, 0.008)]
-        kit.lathe(rim, clay, centre=(x, y, 0.0), segments=18, rotate=rotation("x", 90))
-
-
 def woven_hanging(kit: Kit) -> None:
     """A woven wall hanging on a stick, with a fringe."""
     kit.mount = "wall"
@@ -66,7 +57,10 @@ def woven_hanging(kit: Kit) -> None:
     kit.rod((-w / 2 - 0.05, h / 2, 0.015), (w / 2 + 0.05, h / 2, 0.015), 0.009, kit.m("stem"), sides=6)
     u = np.linspace(-1, 1, 9)
     point = 0.12 * (1 - np.abs(u))
-    rows = [np.stack([w / 2 * u, h / 2 - (h + point) * t + 0 * u, 0.014 + 0.003 * np.sin(5 * u + 3 * t)], axis=1) for t in (0, 0.33, 0.66, 1)]
+    rows = [
+        np.stack([w / 2 * u, h / 2 - (h + point) * t + 0 * u, 0.014 + 0.003 * np.sin(5 * u + 3 * t)], axis=1)
+        for t in (0, 0.33, 0.66, 1)
+    ]
     kit.shell(np.array(rows), 0.008, kit.m(kit.pick("print_0", "print_1", "throw", "cushion_1")))
     for x, extra in zip(u[:-1] * w / 2 + w / 16, point[:-1], strict=True):
         low = -h / 2 - float(extra)
@@ -74,12 +68,11 @@ def woven_hanging(kit: Kit) -> None:
 
 
 def framed_mirror(kit: Kit) -> None:
-    """A small round mirror in a frame."""
+    """A small upright mirror in a frame."""
     kit.mount = "wall"
-    r = kit.near(0.2, 0.2)
-    kit.torus(r, 0.012, (0.0, 0.0, 0.012), kit.m(kit.pick("metal", "wood", "wicker")), axis="z", segments=24, minor_segments=6)
-    disc = [(0.0, 0.0), (r, 0.0), (r, 0.008), (0.0, 0.008)]
-    kit.lathe(disc, kit.m("mirror"), segments=24, rotate=rotation("x", 90))
+    w, h = kit.near(0.34, 0.2), kit.near(0.62, 0.2)
+    picture_frame(kit, w, h, 0.02, 0.022, kit.m(kit.pick("metal", "wood", "white", "wood_alt")))
+    kit.panel((-w / 2 + 0.01, -h / 2 + 0.01, 0.0), (w / 2 - 0.01, h / 2 - 0.01, 0.008), kit.m("mirror"), bevel=0.0)
 
 
 def cube_shelf(kit: Kit) -> None:

@@ -223,7 +223,12 @@ def succulents(kit: Kit) -> None:
         x = 0.085 * (k - 1)
         r = float(kit.rng.uniform(0.028, 0.036))
         outer = [(0.0, 0.0), (0.75 * r, 0.0), (r, 1.7 * r)]
-        kit.lathe([*outer, (0.88 * r, 1.7 * r), (0.84 * r, 1.5 * r), (0.0, 1.5 * r)], _glaze(kit), centre=(x, 0, 0), segments=12)
+        kit.lathe(
+            [*outer, (0.88 * r, 1.7 * r), (0.84 * r, 1.5 * r), (0.0, 1.5 * r)],
+            _glaze(kit),
+            centre=(x, 0, 0),
+            segments=12,
+        )
         high = float(kit.rng.uniform(0.7, 1.9)) * r
         leaf = kit.m(kit.pick("leaf", "leaf_alt"))
         kit.sphere((0.66 * r, high, 0.66 * r), (x, 1.5 * r + 0.5 * high, 0.0), leaf, rings=5, segments=8)

@@ -36,7 +36,18 @@ def sheet(
     low = np.array([(-w, 0.0, d), (w, 0.0, d), (w, 0.0, -d), (-w, 0.0, -d)])
     high = low + (0.0, thick, 0.0)
     ring = np.concatenate([low, high]) @ yaw.T + place
-    sides = [[0, 1, 5], [0, 5, 4], [1, 2, 6], [1, 6, 5], [2, 3, 7], [2, 7, 6], [3, 0, 4], [3, 4, 7], [3, 2, 1], [3, 1, 0]]
+    sides = [
+        [0, 1, 5],
+        [0, 5, 4],
+        [1, 2, 6],
+        [1, 6, 5],
+        [2, 3, 7],
+        [2, 7, 6],
+        [3, 0, 4],
+        [3, 4, 7],
+        [3, 2, 1],
+        [3, 1, 0],
+    ]
     kit.add(ring, np.array(sides), side, uv=None if side.texture is None else np.zeros((len(sides), 3, 2)))
     kit.cloth_quad(ring[4:], top)
 

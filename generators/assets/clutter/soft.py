@@ -24,38 +24,8 @@ def _cloth(kit: Kit) -> Material:
 def cushion(kit: Kit) -> None:
     """A cushion lying flat, its middle dented, with creases towards its corners."""
     size = float(kit.rng.uniform(0.38, 0.48))
-    creased_cushion(kit, (size, size, 0.15), (0.0, 0.07, 0.0), _cloth(kit), rotate=rotation("x", -90))
-
-
-def creased_cushion(
-    kit: Kit,
-    size: tuple[float, float, float],
-    centre: tuple[float, float, float],
-    material: Material,
-    *,
-    rotate: Array | None = None,
-    cells: int = 8,
-) -> None:
-    """A stuffed cushion in its local x–y plane whose two faces have folds that run towards the corners."""
-    w, h, d = (k / 2 for k in size)
-    cut = np.sin(np.linspace(-np.pi / 2, np.pi / 2, cells + 1))
-    s, t = (k.reshape(-1) for k in np.meshgrid(cut, cut, indexing="ij"))
-    x = w * s * (1 - 0.09 * (1 - t**2))
-    y = h * t * (1 - 0.09 * (1 - s**2))
-    rim = np.clip(1 - np.abs(s) ** 2.4, 0, 1) * np.clip(1 - np.abs(t) ** 2.4, 0, 1)
-    phase = kit.rng.uniform(0, 2 * np.pi, 3)
-    angle, reach = np.arctan2(t, s), np.hypot(s, t)
-    folds = 0.1 * np.sin(7 * angle + phase[0]) * reach**2 + 0.06 * np.sin(4 * s + 5 * t + phase[1])
-    dent = 0.22 * np.exp(-(((s - 0.25 * np.sin(phase[2])) ** 2 + (t - 0.2 * np.cos(phase[2])) ** 2) / 0.18))
-    thick = d * rim**0.42
-    count = cells + 1
-    order = np.arange(count * count).reshape(count, count)
-    a, b, c, e = (order[:-1, :-1], order[1:, :-1], order[1:, 1:], order[:-1, 1:])
-    index = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, e], -1).reshape(-1, 3)])
-    front = np.stack([x, y, thick * (1 + folds - dent)], axis=1)
-    back = np.stack([x, y, -thick * (1 - folds)], axis=1)
-    faces = np.concatenate([index, index[:, ::-1] + len(front)])
-    kit.add(np.concatenate([front, back]), faces, material, centre=centre, rotate=rotate, crease=70.0)
+    turn = rotation("x", -90)
+    kit.pillow((size, size, 0.15), (float(kit.rng.random()), 0.07, 0.0), _cloth(kit), rotate=turn)
 
 
 def floor_cushion(kit: Kit) -> None:
@@ -111,7 +81,11 @@ def heap(kit: Kit, radius: float, height: float, material: Material) -> None:
     loops = []
     for k in range(rings):
         s = k / (rings - 1)
-        r = radius * (1 - 0.93 * s**1.3) * (1 + 0.16 * np.sin(3 * angle + phase[0]) + 0.09 * np.sin(7 * angle + phase[1]))
+        r = (
+            radius
+            * (1 - 0.93 * s**1.3)
+            * (1 + 0.16 * np.sin(3 * angle + phase[0]) + 0.09 * np.sin(7 * angle + phase[1]))
+        )
         y = height * (s**0.75) * (1 + (0.22 * np.sin(5 * angle + phase[2] + 2 * s)) * (1 - s))
         loops.append(np.stack([r * np.sin(angle), np.maximum(y, 0.0) if k else 0 * angle, r * np.cos(angle)], axis=1))
     kit.loft(np.array(loops), material, crease=55.0)
@@ -172,7 +146,12 @@ def shoes(kit: Kit) -> None:
         base = _sole(0.28, 0.1)
         one.loft(np.stack([np.insert(base, 1, y, axis=1) for y in (0.0, 0.022)]), sole)
         loops = []
-        for y, shrink, back, front in ((0.022, 0.94, 1.0, 1.0), (0.05, 0.86, 1.0, 0.9), (0.075, 0.66, 1.0, 0.35), (0.09, 0.58, 1.0, 0.1)):
+        for y, shrink, back, front in (
+            (0.022, 0.94, 1.0, 1.0),
+            (0.05, 0.86, 1.0, 0.9),
+            (0.075, 0.66, 1.0, 0.35),
+            (0.09, 0.58, 1.0, 0.1),
+        ):
             z = np.where(base[:, 1] > 0, base[:, 1] * front, base[:, 1] * back * 0.95)
             loops.append(np.stack([base[:, 0] * shrink, np.full(len(base), y), z], axis=1))
         low = loops[-1] * (0.86, 1.0, 0.86)
@@ -222,7 +201,7 @@ def garment_on_hook(kit: Kit) -> None:
         half = 0.02 + 0.19 * min(1.0, 2.2 * t) * (1 + 0.12 * t)
         fold = (0.004 + 0.022 * min(1.0, 1.5 * t)) * np.sin(8.5 * u + phase)
         hem = 0.012 * np.sin(5 * u + phase) if t == 1 else 0.0
-        rows.append(np.stack([half * u, 0.035 - long * t + hem, 0.058 - 0.012 * t + fold], axis=1))
+        rows.append(np.stack([half * u, 0.035 - long * t + hem + 0 * u, 0.058 - 0.012 * t + fold], axis=1))
     kit.shell(np.array(rows), 0.008, cloth)
     kit.sound((-0.18, 0.05 - long, 0.03), (0.18, 0.02, 0.08), kit.m("throw"))
 
@@ -232,7 +211,12 @@ def hanger_with_shirt(kit: Kit) -> None:
     kit.mount = "wall"
     wood, metal = kit.m("wood"), kit.m("chrome")
     cloth = kit.m(kit.pick("sheet", "tone_2", "print_1", "cushion_3"))
-    kit.tube([(0, 0.0, 0.045), (0.0, 0.05, 0.045), (0.016, 0.068, 0.045), (0.0, 0.085, 0.03), (0, 0.085, 0.0)], 0.0022, metal, segments=4)
+    kit.tube(
+        [(0, 0.0, 0.045), (0.0, 0.05, 0.045), (0.016, 0.068, 0.045), (0.0, 0.085, 0.03), (0, 0.085, 0.0)],
+        0.0022,
+        metal,
+        segments=4,
+    )
     for side in (-1, 1):
         kit.rod((0.0, 0.0, 0.045), (side * 0.21, -0.06, 0.045), 0.009, wood, sides=5)
     u = np.linspace(-1, 1, 13)

@@ -75,8 +75,9 @@ def stacking_rings(kit: Kit) -> None:
     y = 0.012
     kit.cylinder(0.05, 0.012, (0.0, 0.006, 0.0), kit.m("wood"), segments=12)
     for k, r in enumerate((0.045, 0.038, 0.031, 0.024)):
-        kit.cylinder(r, 0.024, (0.0, y + 0.012, 0.0), kit.m(PAINTS[k]), segments=12, bevel=0.008)
+        kit.torus(r - 0.012, 0.012, (0.0, y + 0.012, 0.0), kit.m(PAINTS[k]), segments=10, minor_segments=5)
         y += 0.0245
+    kit.rod((0.0, 0.012, 0.0), (0.0, y + 0.006, 0.0), 0.008, kit.m("wood"), sides=6)
     kit.sphere(0.016, (0.0, y + 0.014, 0.0), kit.m("toy_red"), rings=4, segments=8)
 
 
@@ -84,7 +85,11 @@ def board_games(kit: Kit) -> None:
     """Two to four boxes of games on each other."""
     y = 0.0
     for _ in range(int(kit.rng.integers(2, 5))):
-        w, d, t = float(kit.rng.uniform(0.24, 0.3)), float(kit.rng.uniform(0.2, 0.28)), float(kit.rng.uniform(0.04, 0.07))
+        w, d, t = (
+            float(kit.rng.uniform(0.24, 0.3)),
+            float(kit.rng.uniform(0.2, 0.28)),
+            float(kit.rng.uniform(0.04, 0.07)),
+        )
         turn = rotation("y", float(kit.rng.uniform(-7, 7)))
         colour = kit.m(kit.pick("tone_0", "tone_1", "tone_2", "tone_3", f"picture_{int(kit.rng.integers(PICTURES))}"))
         kit.panel((-w / 2, y, -d / 2), (w / 2, y + t, d / 2), colour, bevel=0.002, rotate=turn)
@@ -103,4 +108,4 @@ def wooden_train(kit: Kit) -> None:
             kit.panel((x - 0.036, 0.032, -0.02), (x + 0.036, 0.058, 0.02), paint, bevel=0.003)
         for dx in (-0.028, 0.028):
             for z in (-0.023, 0.023):
-                kit.cylinder(0.012, 0.008, (x + dx, 0.012, z), kit.m("toy_yellow"), axis="z", segments=8)
+                kit.cylinder(0.012, 0.008, (x + dx, 0.012, z), kit.m("toy_yellow"), axis="z", segments=6)
