@@ -48,9 +48,23 @@ LEVELS: dict[Place, tuple[tuple[str, ...], tuple[float, float]]] = {
     "desk": (("desk",), (0.65, 0.8)),
     "nightstand": (("nightstand",), (0.3, 0.7)),
     "sideboard": (("sideboard", "tv_stand", "shoe_cabinet"), (0.3, 1.1)),
-    "bed": (("bed",), (0.3, 0.8)),
-    "seat": (("sofa", "armchair", "chair", "stool"), (0.3, 0.6)),
 }
+#: Upholstered place → kind of furniture → where on it things lie: shares of its width and depth about its middle.
+SOFT: dict[Place, dict[str, tuple[tuple[float, float], tuple[float, float]]]] = {
+    "bed": {"bed": ((-0.4, 0.4), (-0.12, 0.42))},
+    "seat": {
+        "sofa": ((-0.38, 0.38), (-0.06, 0.43)),
+        "armchair": ((-0.27, 0.27), (0.0, 0.38)),
+        "chair": ((-0.42, 0.42), (-0.28, 0.42)),
+        "stool": ((-0.4, 0.4), (-0.4, 0.4)),
+    },
+}
+#: How far from flat upholstery may be under a thing, which lies halfway in (m), and how far from its middle's height.
+_SOFT_FLAT, _SOFT_SLACK = 0.03, 0.05
+#: Height from which the middle of a piece of upholstery is measured (m).
+_SOFT_TOP = 1.2
+#: Gap between a thing on the floor and the furniture beside which it stands (m).
+_BESIDE_GAP = (0.015, 0.06)
 #: Reserved for the objects of the benchmark: share of a support's longer side, and its least length (m).
 RESERVED_SHARE, RESERVED_LENGTH = 0.55, 0.62
 #: Reserved for clocks: share of a free stretch of wall, and its least length (m).
@@ -63,6 +77,8 @@ _LEVEL, _SAME_HEIGHT = 0.999, 5e-4
 _LEAST_AREA = 0.004
 #: Places that are drawn for a thing, and how many of those without a collision are tested with rays.
 _DRAWS, _TRIALS = 64, 10
+#: Furniture that is turned by less than this from the room's axes has places on its upholstery (degrees).
+_LEVEL_YAW = 1.0
 #: Gap between small things (m), and between them and the edge of what they stand on (m).
 _GAP, _EDGE = 0.006, 0.004
 #: Distance between the rays under a thing (m), at most, and how far from flat a surface may be (m).
@@ -74,7 +90,7 @@ _AIR = 0.12
 #: How far the surface behind a thing on a wall may stand out from the wall (m): tiles; on a fridge: behind its handles.
 _PROUD, _FRIDGE_PROUD = 0.02, 0.09
 #: How far the surface may be from where a place expects it (m): on floors there are rugs.
-_SLACK: dict[Place, float] = {"fridge": _FRIDGE_PROUD, "ceiling": _FLAT, "floor": 0.012, "entrance": 0.012}
+_SLACK: dict[Place, float] = {"fridge": _FRIDGE_PROUD, "ceiling": _FLAT, "floor": 0.02, "entrance": 0.02}
 #: Height and thickness of a skirting board (m), at most; what reaches lower on a wall stands out further than this.
 _SKIRTING_TOP, _SKIRTING_THICK = 0.16, 0.018
 #: Share of its walkable floor that a room keeps.
@@ -161,6 +177,7 @@ class _Placer:
         self._taken_high = [high for _, high in reserved]
         self._surfaces = {place: _surfaces(a.placed, *rule) for place, rule in LEVELS.items()}
         self._surfaces["sill"] = _sills(a)
+        self._surfaces |= {place: self._upholstery(rule) for place, rule in SOFT.items()}
 
     def place(self, kind: ClutterKind, thing: Furniture) -> _Candidate | None:
         """A free place of a thing, which is taken from now on; None: there is none."""
@@ -179,6 +196,24 @@ class _Placer:
                     self._taken_high.append(found.high)
                     return found
         return None
+
+    def _upholstery(self, rule: dict[str, tuple[tuple[float, float], tuple[float, float]]]) -> list[_Rectangle]:
+        """Where things may lie on the upholstered pieces of a room, at the height of the middle of each place."""
+        out = []
+        for piece in self._room.placed:
+            if piece.furniture.kind not in rule or abs((piece.yaw + 45) % 90 - 45) > _LEVEL_YAW:
+                continue
+            (x0, x1), (z0, z1) = rule[piece.furniture.kind]
+            low, high = piece.furniture.mesh.bounds.astype(np.float64)
+            middle, size = (low + high) / 2, high - low
+            local = np.array([[x * size[0], 0.0, z * size[2]] for x in (x0, x1) for z in (z0, z1)]) + middle * (1, 0, 1)
+            corners = local @ rotation("y", piece.yaw).T + piece.position
+            centre = corners.mean(axis=0)
+            centre[1] = _SOFT_TOP
+            distance, _ = self._caster.closest(centre[None], np.array([[0.0, -1.0, 0.0]]))
+            corners[:, 1] = _SOFT_TOP - float(distance[0])
+            out.append(_Rectangle(corners.min(axis=0), corners.max(axis=0), piece.yaw))
+        return out
 
     # -- candidates --------------------------------------------------------------------------------------------------
 
@@ -231,9 +266,24 @@ class _Placer:
                     (min(along, wall.length - along), _moved(thing, wall.point(float(along), 0.0, depth), yaw))
                 )
         found.sort(key=lambda one: one[0])
-        candidates = [one for _, one in found]
+        candidates = [one for _, one in found] + self._beside(kind, thing)
         free = self._room.free(np.array([c.low for c in candidates]), np.array([c.high for c in candidates]))
         return [c for c, is_free in zip(candidates, free, strict=True) if is_free]
+
+    def _beside(self, kind: ClutterKind, thing: Furniture) -> list[_Candidate]:
+        """Places on the floor beside the furniture."""
+        pieces = [p for p in self._room.placed if p.furniture.mount == "floor" and not p.flat]
+        out = []
+        for index in self._rng.integers(len(pieces), size=_DRAWS) if pieces else ():
+            piece, side = pieces[int(index)], int(self._rng.integers(4))
+            yaw = piece.yaw + float(self._rng.uniform(-kind.turn, kind.turn))
+            low, high = world_box(thing, np.zeros(3), yaw)
+            axis, gap = (0, 2)[side % 2], float(self._rng.uniform(*_BESIDE_GAP))
+            at = piece.low + self._rng.random(3) * (piece.high - piece.low)
+            at[axis] = piece.high[axis] + gap - low[axis] if side < 2 else piece.low[axis] - gap - high[axis]
+            at[1] = 0.0
+            out.append(_moved(thing, at, yaw))
+        return out
 
     def _at_entrance(self, thing: Furniture) -> list[_Candidate]:
         """Before the flat's entrance."""
@@ -332,7 +382,8 @@ class _Placer:
         axis = int(np.argmax(np.abs(normal)))
         sign = float(np.sign(normal[axis]))
         depth = float(c.high[axis] - c.low[axis])
-        slack = _SLACK.get(place, _PROUD if air else _FLAT)
+        slack = _SOFT_SLACK if place in SOFT else _SLACK.get(place, _PROUD if air else _FLAT)
+        uneven = _SOFT_FLAT if place in SOFT else _FLAT
         start = (c.low[axis] if sign > 0 else c.high[axis]) + sign * (depth + air + slack)
         across = [k for k in range(3) if k != axis]
         lines = [
@@ -349,8 +400,10 @@ class _Placer:
             skirting = (origins[:, 1] < _SKIRTING_TOP) & (distance > distance.max() - _SKIRTING_THICK)
             distance[skirting] = distance.max()
         nearest, furthest = float(distance.min()), float(distance.max())
-        if furthest - nearest > _FLAT or not depth + air - _FLAT <= nearest <= depth + air + slack + _FLAT:
+        if furthest - nearest > uneven or not depth + air - uneven <= nearest <= depth + air + slack + uneven:
             return None
+        if place in SOFT:
+            nearest = (nearest + furthest) / 2
         shift = np.zeros(3)
         shift[axis] = start - sign * (nearest - _CONTACT) - (c.low[axis] if sign > 0 else c.high[axis])
         moved = _Candidate(c.position + shift, c.yaw, c.low + shift, c.high + shift)

@@ -11,8 +11,8 @@ CLUTTER: tuple[ClutterKind, ...] = (
     *kitchen.KINDS,
     *bath.KINDS,
     *entry.KINDS,
-    *living.KINDS,
     *sleeping.KINDS,
+    *living.KINDS,
 )
 
 
