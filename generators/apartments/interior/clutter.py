@@ -60,7 +60,7 @@ SOFT: dict[Place, dict[str, tuple[tuple[float, float], tuple[float, float]]]] = 
     },
 }
 #: How far from flat upholstery may be under a thing, which lies halfway in (m), and how far from its middle's height.
-_SOFT_FLAT, _SOFT_SLACK = 0.03, 0.05
+_SOFT_FLAT, _SOFT_SLACK = 0.04, 0.05
 #: Height from which the middle of a piece of upholstery is measured (m).
 _SOFT_TOP = 1.2
 #: Gap between a thing on the floor and the furniture beside which it stands (m).
@@ -76,7 +76,7 @@ _LEVEL, _SAME_HEIGHT = 0.999, 5e-4
 #: Least area of a surface (m²).
 _LEAST_AREA = 0.004
 #: Places that are drawn for a thing, and how many of those without a collision are tested with rays.
-_DRAWS, _TRIALS = 64, 10
+_DRAWS, _TRIALS = 64, 20
 #: Furniture that is turned by less than this from the room's axes has places on its upholstery (degrees).
 _LEVEL_YAW = 1.0
 #: Gap between small things (m), and between them and the edge of what they stand on (m).
@@ -95,6 +95,8 @@ _SLACK: dict[Place, float] = {"fridge": _FRIDGE_PROUD, "ceiling": _FLAT, "floor"
 _SKIRTING_TOP, _SKIRTING_THICK = 0.16, 0.018
 #: Share of its walkable floor that a room keeps.
 _WALKABLE = 0.93
+#: Rooms in which no observation is made, and what is kept free there: shares of a support and of the walkable floor.
+_QUIET, _QUIET_SHARE, _QUIET_WALKABLE = ("bedroom",), 0.3, 0.8
 #: Distance of a switch from a door's opening (m), and of things from the ends of a wall (m).
 _DOOR_SIDE, _WALL_END = 0.14, 0.05
 #: Reach along the wall beside washbasin and tub (m).
@@ -172,7 +174,14 @@ class _Placer:
         self._room.placed = list(a.placed)
         self._machines = min(wall_spots(self._room, MACHINE, MACHINE_SPACING), MACHINE_PLACES)
         self._walkable = walkable(self._room)
-        reserved = [_reserved(support, rng) for support in supports if support.kind != "floor"]
+        self._quiet = a.room.name in _QUIET
+        level = (_QUIET_SHARE, 0.0) if self._quiet else (RESERVED_SHARE, RESERVED_LENGTH)
+        upright = (_QUIET_SHARE, 0.0) if self._quiet else (_WALL_SHARE, _WALL_LENGTH)
+        reserved = [
+            _reserved(support, rng, *(upright if support.kind == "wall" else level))
+            for support in supports
+            if support.kind != "floor"
+        ]
         self._taken_low = [low for low, _ in reserved]
         self._taken_high = [high for _, high in reserved]
         self._surfaces = {place: _surfaces(a.placed, *rule) for place, rule in LEVELS.items()}
@@ -418,10 +427,9 @@ class _Placer:
         if c.high[1] <= FLAT:
             return True
         self._room.placed.append(Placed(thing, c.position, c.yaw, c.low, c.high))
-        if (
-            wall_spots(self._room, MACHINE, MACHINE_SPACING) >= self._machines
-            and walkable(self._room) >= _WALKABLE * self._walkable
-        ):
+        share = _QUIET_WALKABLE if self._quiet else _WALKABLE
+        machines = self._quiet or wall_spots(self._room, MACHINE, MACHINE_SPACING) >= self._machines
+        if machines and walkable(self._room) >= share * self._walkable:
             return True
         self._room.placed.pop()
         return False
@@ -431,19 +439,22 @@ def _moved(thing: Furniture, position: Array, yaw: float) -> _Candidate:
     return _Candidate(position, yaw, *world_box(thing, position, yaw))
 
 
-def _reserved(support: Support, rng: Generator) -> tuple[Array, Array]:
-    """World box over the part of a support that stays free: an end of a level one, the middle of a wall's."""
+def _reserved(support: Support, rng: Generator, share: float, least: float) -> tuple[Array, Array]:
+    """World box over the part of a support that stays free: an end of a level one, the middle of a wall's.
+
+    That part is ``share`` of the support's length, but not shorter than ``least`` metres.
+    """
     origin, u, v = (np.asarray(c, dtype=np.float64) for c in (support.origin, support.u, support.v))
     if support.kind == "wall":
         length = float(np.linalg.norm(u))
-        half = min(max(_WALL_SHARE * length, _WALL_LENGTH) / length, 1.0) / 2
+        half = min(max(share * length, least) / length, 1.0) / 2
         corners = np.stack([origin + (0.5 - half) * u, origin + (0.5 + half) * u + v])
         corners = np.concatenate([corners, corners + np.asarray(support.normal) * support.clearance])
         return corners.min(axis=0), corners.max(axis=0)
     if np.linalg.norm(u) < np.linalg.norm(v):
         u, v = v, u
     length = float(np.linalg.norm(u))
-    share = min(max(RESERVED_SHARE * length, RESERVED_LENGTH) / length, 1.0)
+    share = min(max(share * length, least) / length, 1.0)
     first = 0.0 if rng.random() < 0.5 else 1.0 - share
     corners = np.stack([origin + first * u, origin + (first + share) * u + v])
     low, high = corners.min(axis=0), corners.max(axis=0)

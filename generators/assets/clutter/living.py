@@ -10,12 +10,14 @@ KINDS = (
     ClutterKind("floor_cushion", soft.floor_cushion, ("floor",), {"living_room": (0, 1), "bedroom": (0, 1)}, turn=180),
     ClutterKind("magazine_rack", containers.magazine_rack, ("floor",), {"living_room": (0, 1)}, turn=25),
     ClutterKind("toy_bin", containers.ring_basket, ("floor",), {"living_room": (0, 1), "bedroom": (0, 1)}, turn=12),
-    ClutterKind("crate", containers.crate, ("floor",), {"living_room": (0, 1), "bedroom": (0, 1)}, turn=8, rear=True),
+    ClutterKind(
+        "slat_crate", containers.crate, ("floor",), {"living_room": (0, 1), "bedroom": (0, 1)}, turn=8, rear=True
+    ),
     ClutterKind(
         "power_strip", devices.power_strip, ("floor",), {"living_room": (1, 2), "bedroom": (1, 1)}, turn=8, rear=True
     ),
     ClutterKind("building_blocks", toys.blocks, ("floor",), {"living_room": (0, 1), "bedroom": (0, 1)}, turn=180),
-    ClutterKind("ball", toys.ball, ("floor",), {"living_room": (0, 1), "bedroom": (0, 1)}, turn=180),
+    ClutterKind("play_ball", toys.ball, ("floor",), {"living_room": (0, 1), "bedroom": (0, 1)}, turn=180),
     ClutterKind(
         "picture_ledge",
         hanging.picture_ledge,
@@ -212,7 +214,7 @@ KINDS = (
         turn=20,
     ),
     ClutterKind(
-        "storage_box",
+        "lidded_box",
         containers.storage_box,
         ("board", "cabinet_top", "floor"),
         {"living_room": (1, 2), "bedroom": (2, 4)},
@@ -240,7 +242,7 @@ KINDS = (
         turn=20,
     ),
     ClutterKind(
-        "post",
+        "letters",
         reading.envelopes,
         ("sideboard", "coffee_table", "desk"),
         {"living_room": (1, 1), "bedroom": (0, 1)},
@@ -253,7 +255,7 @@ KINDS = (
         {"living_room": (1, 1), "bedroom": (1, 1)},
         turn=60,
     ),
-    ClutterKind("slippers", soft.slippers, ("floor",), {"living_room": (0, 1), "bedroom": (1, 1)}, turn=40),
+    ClutterKind("house_slippers", soft.slippers, ("floor",), {"living_room": (0, 1), "bedroom": (1, 1)}, turn=40),
     ClutterKind(
         "scent_sticks",
         ornaments.scent_sticks,
