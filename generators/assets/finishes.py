@@ -103,7 +103,7 @@ def wall_tiles(role: str, kind: str, colour: Field, grout: Field, rng: np.random
     """The tiles of a bathroom's walls or a kitchen's splash-back: 1.2 m per repeat."""
     if kind == "metro":
         pixels = ceramic.tiles(
-            rng, colour, grout, tiling=ceramic.Tiling(columns=6, rows=12, stagger=0.5, bevel=9.0, tone=0.012, joint=3.5)
+            rng, colour, grout, tiling=ceramic.Tiling(columns=6, rows=12, stagger=0.5, bevel=9.0, tone=0.02, joint=3.5)
         )
     elif kind == "metro_v":
         # Upright bricks in a straight bond.
@@ -112,7 +112,7 @@ def wall_tiles(role: str, kind: str, colour: Field, grout: Field, rng: np.random
         )
     elif kind == "square":
         pixels = ceramic.tiles(
-            rng, colour, grout, tiling=ceramic.Tiling(columns=8, rows=8, bevel=4.0, tone=0.010, joint=3.5, mottle=0.01)
+            rng, colour, grout, tiling=ceramic.Tiling(columns=8, rows=8, bevel=4.0, tone=0.016, joint=3.5, mottle=0.01)
         )
     elif kind == "square_small":
         pixels = ceramic.tiles(
@@ -125,7 +125,7 @@ def wall_tiles(role: str, kind: str, colour: Field, grout: Field, rng: np.random
         )
     elif kind == "marble":
         pixels = ceramic.tiles(
-            rng, colour, colour * 0.85, vein=grout, tiling=ceramic.Tiling(columns=2, rows=4, joint=2.5, tone=0.006)
+            rng, colour, colour * 0.85, vein=grout, tiling=ceramic.Tiling(columns=2, rows=4, joint=2.5, tone=0.01)
         )
     elif kind == "slate":
         pixels = ceramic.tiles(rng, colour, grout, tiling=ceramic.Tiling(columns=2, rows=4, mottle=0.05, joint=3.0))

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from avs3d_bench.errors import UsageError
 from generators.assets import finishes
 from generators.assets.styles import STYLES, Style
-from generators.assets.textures import cloth, labels, pictures, prints, surfaces, wood
+from generators.assets.textures import cloth, labels, pictures, prints, surfaces, wear, wood
 from generators.assets.textures.noise import Image, hex_colour, shift_colour, to_linear
 from generators.core.scene import Material, Texture
 
@@ -192,11 +192,11 @@ def _textured(role: str, acoustic: str, pixels: Image, roughness: float = 1, **m
     return Material(role, acoustic, texture=Texture(role, pixels), roughness=roughness, **more)  # type: ignore[arg-type]
 
 
-def _board(role: str, spec: str, rng: np.random.Generator, roughness: float = 0.72) -> Material:
-    """A wooden or lacquered board: ``wood:<species>`` or a paint's hex."""
+def _board(role: str, spec: str, rng: np.random.Generator, roughness: float = 0.72, use: float = 0.0) -> Material:
+    """A wooden or lacquered board: ``wood:<species>`` or a paint's hex, which yellows with ``use`` (0 to 1)."""
     if spec.startswith("wood:"):
         return _textured(role, "wood", wood.veneer(rng, spec[5:]), roughness)
-    return _textured(role, "wood", wood.painted(rng, hex_colour(spec)), roughness)
+    return _textured(role, "wood", wood.painted(rng, wear.yellowed(hex_colour(spec), use)), roughness)
 
 
 def _plain(
@@ -212,7 +212,7 @@ def _boards(field: str, roughness: float = 0.72) -> Recipe:
         spec = str(palette.choose(field, getattr(style, field)))
         if field in ("wood", "wood_alt"):
             spec = f"wood:{spec}"
-        return _board(role, spec, rng, roughness)
+        return _board(role, spec, rng, roughness, style.wear)
 
     return make
 
@@ -355,9 +355,13 @@ def _floor(palette: Palette, style: Style, role: str, rng: np.random.Generator) 
         order = palette.stream("wet_floors").permutation(len(style.wet_floors))
         if room == "bathroom" or palette.stream("kitchen floor").random() < 0.66:
             kind, colours = style.wet_floors[int(order[0 if room == "bathroom" else 1])]
-            return finishes.wet_floor(role, kind, tuple(hex_colour(c) for c in colours), rng)
+            return _used(
+                finishes.wet_floor(role, kind, tuple(hex_colour(c) for c in colours), rng), wear.trodden, style, rng
+            )
     kind, spec = style.floors[int(palette.stream("floors").integers(len(style.floors)))]
-    pixels = palette.shared("dry floor", lambda stream: finishes.dry_floor(kind, spec, stream))
+    pixels = palette.shared(
+        "dry floor", lambda stream: wear.trodden(stream, finishes.dry_floor(kind, spec, stream), style.wear)
+    )
     label, roughness = finishes.DRY_FLOORS[kind]
     return _textured(role, label, pixels, roughness)
 
@@ -365,7 +369,8 @@ def _floor(palette: Palette, style: Style, role: str, rng: np.random.Generator) 
 def _wall(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
     colour = hex_colour(style.walls[int(rng.integers(len(style.walls)))])
     rough = 3.0 if "lime" in style.wall_finish else 1.0
-    return _textured(role, "plaster", surfaces.wall_paint(rng, colour, rough=rough))
+    paint = surfaces.wall_paint(rng, wear.yellowed(colour, style.wear), rough=rough)
+    return _textured(role, "plaster", wear.stained(rng, paint, 0.35 * style.wear))
 
 
 def _accent(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
@@ -376,7 +381,19 @@ def _accent(palette: Palette, style: Style, role: str, rng: np.random.Generator)
 def _wall_tiles(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
     order = palette.stream("wall_tiles").permutation(len(style.wall_tiles))
     kind, colour, grout = style.wall_tiles[int(order[0 if role == "tiles_bathroom" else 1])]
-    return finishes.wall_tiles(role, kind, hex_colour(colour), hex_colour(grout), rng)
+    return _used(finishes.wall_tiles(role, kind, hex_colour(colour), hex_colour(grout), rng), wear.stained, style, rng)
+
+
+def _used(
+    new: Material, use: Callable[[np.random.Generator, Image, float], Image], style: Style, rng: np.random.Generator
+) -> Material:
+    """A material with the traces of use that its style has."""
+    assert new.texture is not None
+    return replace(new, texture=Texture(new.name, use(rng, new.texture.pixels, style.wear)))
+
+
+def _skirting(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
+    return _used(_boards("skirting")(palette, style, role, rng), wear.scuffed, style, rng)
 
 
 def _books(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
@@ -391,7 +408,7 @@ _RECIPES: dict[str, Recipe] = {
     "tiles_bathroom": _wall_tiles,
     "tiles_kitchen": _wall_tiles,
     "ceiling": _tinted("plaster", surfaces.wall_paint, "#edebe6"),
-    "skirting": _boards("skirting"),
+    "skirting": _skirting,
     "door_frame": _boards("skirting"),
     "door": _boards("doors"),
     "window_frame": _boards("frames", 0.56),
