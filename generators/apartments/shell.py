@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.random import Generator
 
-from generators.apartments.floorplan import INNER_WALL, SIDES, FloorPlan, RoomPlan, Side
+from generators.apartments.floorplan import INNER_WALL, SIDES, FloorPlan, RoomPlan, Side, WallFrame
 from generators.apartments.joinery import (
     CASING_WIDTH,
     ShellStyle,
@@ -22,10 +22,13 @@ from generators.apartments.joinery import (
 )
 from generators.apartments.roomshell import RoomShell
 from generators.assets.materials import Palette, RoomFinish
+from generators.assets.styles import STYLES
 from generators.core.scene import Material, Part
 
 #: Depth of the skirting boards (m); their height is the style's.
 SKIRTING_DEPTH = 0.014
+#: Depth of their upper edge, where it is thinner (m).
+_MOULDING_DEPTH = 0.008
 #: Shortest skirting board (m): between a door's casing and a corner there may be less wall.
 _SHORTEST_SKIRTING = 0.02
 #: How much more than its own width an opening counts against a wall that may get the accent colour: little of the
@@ -80,10 +83,7 @@ def _room(
             ends = [0.0, *(v for a, b in doors for v in (a - CASING_WIDTH, b + CASING_WIDTH)), wall.length]
             for start, stop in zip(ends[::2], ends[1::2], strict=True):
                 if stop - start > _SHORTEST_SKIRTING:
-                    depth = (0.0, SKIRTING_DEPTH)
-                    shell.block(
-                        wall, (start, stop), (0.0, style.skirting), depth, finish.skirting, "front left right top"
-                    )
+                    _skirting(shell, wall, (start, stop), style, finish.skirting)
         if style.cornice and tiles is None:
             c, length = style.cornice, wall.length
             corners = ((0, height - c, 0), (length, height - c, 0), (length - c, height, c), (c, height, c))
@@ -91,9 +91,20 @@ def _room(
     return shell.part(f"shell_{room.name}")
 
 
+def _skirting(
+    shell: RoomShell, wall: WallFrame, along: tuple[float, float], style: ShellStyle, board: Material
+) -> None:
+    """A skirting board, with a thinner upper edge in some styles."""
+    step = style.skirting - style.moulding
+    faces = "front left right top"
+    shell.block(wall, along, (0.0, step), (0.0, SKIRTING_DEPTH), board, faces)
+    if style.moulding:
+        shell.block(wall, along, (step, style.skirting), (0.0, _MOULDING_DEPTH), board, faces)
+
+
 def build_shell(plan: FloorPlan, palette: Palette, rng: Generator) -> tuple[Part, ...]:
     """One part per room, ``shell_<room>``."""
-    style = ShellStyle.from_rng(rng)
+    style = ShellStyle.from_rng(rng, STYLES[palette.style].joinery)
     view = palette.material("window_view").texture
     assert view is not None
     sky = sky_strips(style, view)

@@ -22,6 +22,7 @@ DRY_FLOORS = {
     "herringbone": ("parquet", 0.36),
     "herringbone_straight": ("parquet", 0.36),
     "concrete": ("concrete", 0.5),
+    "ceramic": ("tile", 0.3),
     "terracotta": ("tile", 0.81),
 }
 
@@ -42,6 +43,11 @@ def dry_floor(kind: str, spec: str, rng: np.random.Generator) -> Surface:
         return surfaces.concrete(rng, hex_colour(spec))
     if kind == "terracotta":
         return ceramic.terracotta(rng, hex_colour(spec), hex_colour("#b7a58c"))
+    if kind == "ceramic":
+        colour = hex_colour(spec)
+        return ceramic.tiles(
+            rng, colour, colour * 0.72, tiling=ceramic.Tiling(columns=4, rows=4, joint=2.5, tone=0.012, mottle=0.025)
+        )
     raise UsageError(f"unknown floor {kind!r}: expected one of {', '.join(DRY_FLOORS)}")
 
 
@@ -100,7 +106,7 @@ def wall_tiles(role: str, kind: str, colour: Field, grout: Field, rng: np.random
     """The tiles of a bathroom's walls or a kitchen's splash-back: 1.2 m per repeat."""
     if kind == "metro":
         surface = ceramic.tiles(
-            rng, colour, grout, tiling=ceramic.Tiling(columns=6, rows=12, stagger=0.5, bevel=9.0, tone=0.012, joint=3.5)
+            rng, colour, grout, tiling=ceramic.Tiling(columns=6, rows=12, stagger=0.5, bevel=9.0, tone=0.02, joint=3.5)
         )
     elif kind == "metro_v":
         # Upright bricks in a straight bond.
@@ -109,7 +115,7 @@ def wall_tiles(role: str, kind: str, colour: Field, grout: Field, rng: np.random
         )
     elif kind == "square":
         surface = ceramic.tiles(
-            rng, colour, grout, tiling=ceramic.Tiling(columns=8, rows=8, bevel=4.0, tone=0.010, joint=3.5, mottle=0.01)
+            rng, colour, grout, tiling=ceramic.Tiling(columns=8, rows=8, bevel=4.0, tone=0.016, joint=3.5, mottle=0.01)
         )
     elif kind == "square_small":
         surface = ceramic.tiles(
@@ -122,7 +128,7 @@ def wall_tiles(role: str, kind: str, colour: Field, grout: Field, rng: np.random
         )
     elif kind == "marble":
         surface = ceramic.tiles(
-            rng, colour, colour * 0.85, vein=grout, tiling=ceramic.Tiling(columns=2, rows=4, joint=2.5, tone=0.006)
+            rng, colour, colour * 0.85, vein=grout, tiling=ceramic.Tiling(columns=2, rows=4, joint=2.5, tone=0.01)
         )
     elif kind == "slate":
         surface = ceramic.tiles(rng, colour, grout, tiling=ceramic.Tiling(columns=2, rows=4, mottle=0.05, joint=3.0))

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from avs3d_bench.errors import UsageError
 from generators.assets import finishes
 from generators.assets.styles import STYLES, Style
-from generators.assets.textures import cloth, outdoors, pictures, surfaces, wood
+from generators.assets.textures import cloth, labels, outdoors, pictures, prints, surfaces, wear, wood
 from generators.assets.textures.maps import Surface, roughness_map, surfaced
 from generators.assets.textures.noise import Image, hex_colour, shift_colour, to_linear
 from generators.core.scene import Material, Texture
@@ -30,7 +30,7 @@ T = TypeVar("T")
 
 ROOM_KINDS = ("bathroom", "kitchen", "living_room", "hall", "bedroom")
 #: Numbers of variants of the roles that have several.
-RUGS, PICTURES, PRINTS, TOWELS, CUSHIONS = 3, 6, 3, 3, 4
+RUGS, PICTURES, PRINTS, TOWELS, CUSHIONS, TONES = 3, 6, 3, 3, 4, 4
 
 #: Metres per repeat of each material's texture; 1 for materials that are not listed (fitted or plain).
 TILES: dict[str, float] = {
@@ -47,10 +47,13 @@ TILES: dict[str, float] = {
     **dict.fromkeys(("bath_mat", "leather", "steel", "wicker"), 0.4),
     "lamp_shade": 0.5,
     "soil": 0.2,
+    "cardboard": 0.3,
 }
 
 #: Width of a rug (m), over which its texture is fitted; rugs of other sizes have a coarser or finer pile.
 _RUG_WIDTH = 2.4
+#: Linear RGB by which the light of lamps is multiplied; all have about the luminance of warm light.
+_LAMP_TINTS = {"warm": (1.0, 1.0, 1.0), "neutral": (0.93, 1.01, 1.2), "cool": (0.87, 1.02, 1.4)}
 #: Bare metal reflects at least this share of red, green or blue.
 _DARKEST_METAL = 0.2
 
@@ -141,6 +144,11 @@ class Palette:
             raise UsageError(f"unknown material role {role!r}: expected one of {', '.join(_RECIPES)}")
         return self._made.get(role, lambda: recipe(self, STYLES[self.style], role, self.stream(role)))
 
+    def tinted(self, role: str, code: str) -> Material:
+        """The plain material of a role in another colour (``"#rrggbb"``), one object per role and colour."""
+        name = f"{role} {code}"
+        return self._made.get(name, lambda: replace(self.material(role), name=name, colour=_linear(code)))
+
     def prepare(self, pool: Executor) -> None:
         """Let ``pool`` make all materials, those first that take longest and that most flats have.
 
@@ -204,11 +212,11 @@ def _touched(recipe: Recipe) -> Recipe:
     return make
 
 
-def _board(role: str, spec: str, rng: np.random.Generator, roughness: float = 0.72) -> Material:
-    """A wooden or lacquered board: ``wood:<species>`` or a paint's hex."""
+def _board(role: str, spec: str, rng: np.random.Generator, roughness: float = 0.72, use: float = 0.0) -> Material:
+    """A wooden or lacquered board: ``wood:<species>`` or a paint's hex, which yellows with ``use`` (0 to 1)."""
     if spec.startswith("wood:"):
         return _textured(role, "wood", wood.veneer(rng, spec[5:]), roughness)
-    return _textured(role, "wood", wood.painted(rng, hex_colour(spec)), roughness)
+    return _textured(role, "wood", wood.painted(rng, wear.yellowed(hex_colour(spec), use)), roughness)
 
 
 def _plain(
@@ -224,7 +232,7 @@ def _boards(field: str, roughness: float = 0.72) -> Recipe:
         spec = str(palette.choose(field, getattr(style, field)))
         if field in ("wood", "wood_alt"):
             spec = f"wood:{spec}"
-        return _board(role, spec, rng, roughness)
+        return _board(role, spec, rng, roughness, style.wear)
 
     return make
 
@@ -309,6 +317,17 @@ def _picture(index: int) -> Recipe:
     return make
 
 
+def _tone(index: int) -> Recipe:
+    """Plain colours of small things: covers, boxes, toys."""
+
+    def make(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
+        colours = (*style.cushions, *style.art)
+        order = palette.stream("tones").permutation(len(colours))
+        return Material(role, "plastic", _linear(colours[int(order[index])]), roughness=0.6)
+
+    return make
+
+
 def _paint(field: str) -> Recipe:
     def make(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
         return Material(role, "wood", _linear(str(palette.choose(field, getattr(style, field)))), roughness=0.64)
@@ -324,8 +343,23 @@ def _tinted(acoustic: str, make: Callable[..., Surface | Image], colour: str, ro
     return lambda palette, style, role, rng: _textured(role, acoustic, make(rng, hex_colour(colour)), roughness)
 
 
+def _lamp_tint(palette: Palette, style: Style) -> NDArray[np.float64]:
+    return np.array(_LAMP_TINTS[str(palette.choose("lamps", style.lamps))])
+
+
 def _lamp_shade(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
-    return _textured(role, "fabric", cloth.curtain(rng, hex_colour("#efe2c8")), emission=(15.0, 11.5, 7.6))
+    r, g, b = (float(c) for c in np.array((15.0, 11.5, 7.6)) * _lamp_tint(palette, style))
+    return _textured(role, "fabric", cloth.curtain(rng, hex_colour("#efe2c8")), emission=(r, g, b))
+
+
+def _glowing(colour: str, radiance: tuple[float, float, float]) -> Recipe:
+    """Glass of a lamp, in the tint of the home's lamps."""
+
+    def make(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
+        r, g, b = (float(c) for c in np.array(radiance) * _lamp_tint(palette, style))
+        return Material(role, "glass", _linear(colour), None, (r, g, b), roughness=0.49)
+
+    return make
 
 
 def _worktop(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
@@ -339,12 +373,15 @@ def _floor(palette: Palette, style: Style, role: str, rng: np.random.Generator) 
         order = palette.stream("wet_floors").permutation(len(style.wet_floors))
         if room == "bathroom" or palette.stream("kitchen floor").random() < 0.66:
             kind, colours = style.wet_floors[int(order[0 if room == "bathroom" else 1])]
-            return finishes.wet_floor(role, kind, tuple(hex_colour(c) for c in colours), rng)
+            return _used(
+                finishes.wet_floor(role, kind, tuple(hex_colour(c) for c in colours), rng), wear.trodden, style, rng
+            )
     kind, spec = style.floors[int(palette.stream("floors").integers(len(style.floors)))]
     label, roughness = finishes.DRY_FLOORS[kind]
 
     def lay(stream: np.random.Generator) -> Material:
-        return surfaced(role, label, finishes.dry_floor(kind, spec, stream), roughness, finishes.FLOOR)
+        new = surfaced(role, label, finishes.dry_floor(kind, spec, stream), roughness, finishes.FLOOR)
+        return _used(new, wear.trodden, style, stream)
 
     return replace(palette.shared("dry floor", lay), name=role)
 
@@ -352,7 +389,9 @@ def _floor(palette: Palette, style: Style, role: str, rng: np.random.Generator) 
 def _wall(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
     colour = hex_colour(style.walls[int(rng.integers(len(style.walls)))])
     rough = 3.0 if "lime" in style.wall_finish else 1.0
-    return _textured(role, "plaster", surfaces.wall_paint(rng, colour, rough=rough))
+    paint = surfaces.wall_paint(rng, wear.yellowed(colour, style.wear), rough=rough)
+    stained = wear.stained(rng, paint.pixels, 0.35 * style.wear)
+    return _textured(role, "plaster", paint._replace(pixels=stained))
 
 
 def _accent(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
@@ -363,7 +402,19 @@ def _accent(palette: Palette, style: Style, role: str, rng: np.random.Generator)
 def _wall_tiles(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
     order = palette.stream("wall_tiles").permutation(len(style.wall_tiles))
     kind, colour, grout = style.wall_tiles[int(order[0 if role == "tiles_bathroom" else 1])]
-    return finishes.wall_tiles(role, kind, hex_colour(colour), hex_colour(grout), rng)
+    return _used(finishes.wall_tiles(role, kind, hex_colour(colour), hex_colour(grout), rng), wear.stained, style, rng)
+
+
+def _used(
+    new: Material, use: Callable[[np.random.Generator, Image, float], Image], style: Style, rng: np.random.Generator
+) -> Material:
+    """A material with the traces of use that its style has."""
+    assert new.texture is not None
+    return replace(new, texture=Texture(new.name, use(rng, new.texture.pixels, style.wear)))
+
+
+def _skirting(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
+    return _used(_boards("skirting")(palette, style, role, rng), wear.scuffed, style, rng)
 
 
 def _books(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
@@ -378,7 +429,7 @@ _RECIPES: dict[str, Recipe] = {
     "tiles_bathroom": _wall_tiles,
     "tiles_kitchen": _wall_tiles,
     "ceiling": _tinted("plaster", surfaces.wall_paint, "#edebe6"),
-    "skirting": _boards("skirting"),
+    "skirting": _skirting,
     "door_frame": _boards("skirting"),
     "door": _boards("doors"),
     "window_frame": _boards("frames", 0.45),
@@ -437,13 +488,22 @@ _RECIPES: dict[str, Recipe] = {
     "soil": _tinted("plaster", surfaces.soil, "#55432f"),
     "pot": _plain("ceramic", "#b5714d"),
     "pot_white": _plain("ceramic", "#dedbd3", 0.49),
+    "labels": _drawn("paper", labels.label_sheet, 0.7),
     "fruit_orange": _plain("foliage", "#dd8a35", 0.81),
     "fruit_green": _plain("foliage", "#8aa843", 0.81),
     "fruit_red": _plain("foliage", "#b23a32", 0.81),
     "lamp_shade": _lamp_shade,
-    "lamp_glass": _plain("glass", "#f2ead8", 0.49, (19.0, 15.5, 11.0)),
-    "bulb": _plain("glass", "#fff1d6", 0.49, (60.0, 46.0, 30.0)),
+    "lamp_glass": _glowing("#f2ead8", (19.0, 15.5, 11.0)),
+    "bulb": _glowing("#fff1d6", (60.0, 46.0, 30.0)),
     "hood_light": _plain("glass", "#efe6d6", 0.49, (22.0, 19.0, 14.5)),
+    **{f"tone_{k}": _tone(k) for k in range(TONES)},
+    "toy_red": _plain("plastic", "#b8402f", 0.5),
+    "toy_yellow": _plain("plastic", "#d9ae3c", 0.5),
+    "toy_blue": _plain("plastic", "#3d6c97", 0.5),
+    "toy_green": _plain("plastic", "#5a8a4b", 0.5),
+    "page": _drawn("paper", prints.page),
+    "keyboard": _drawn("plastic", prints.keyboard, 0.6),
+    "cardboard": _tinted("paper", prints.cardboard, "#b48c5f"),
 }
 
 #: All roles for which a palette has a material.

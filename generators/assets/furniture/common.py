@@ -25,6 +25,7 @@ from generators.assets.forms import (
 )
 from generators.assets.materials import TILES, Palette
 from generators.assets.shapes import BOX_FACES, MeshBuilder, rotation
+from generators.assets.styles import STYLES
 from generators.core.scene import Material, Mesh, Support, SupportKind
 
 Mount = Literal["floor", "wall", "ceiling"]
@@ -63,6 +64,7 @@ class Kit(MeshBuilder):
         self.rng = rng
         self.mount: Mount = "floor"
         self.grain: int | None = None
+        self._edge = STYLES[palette.style].edge * float(palette.stream("edge").uniform(0.8, 1.25))
         self._whole = False
         self._supports: list[Support] = []
 
@@ -146,11 +148,11 @@ class Kit(MeshBuilder):
     ) -> Self:
         """A board between two corners with softened edges (44 triangles; 12 with ``bevel`` 0).
 
-        ``rotate`` turns it about its own centre.
+        The style of the home makes edges sharper or rounder than ``bevel``; ``rotate`` turns it about its own centre.
         """
         lower, upper = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
         centre, half = (lower + upper) / 2, (upper - lower) / 2
-        radius = min(bevel, 0.45 * 2 * float(half.min()))
+        radius = min(bevel * self._edge, 0.45 * 2 * float(half.min()))
         if radius <= 0:
             self.box(tuple(2 * half), tuple(centre), material, rotate=rotate)
             return self
@@ -207,7 +209,11 @@ class Kit(MeshBuilder):
     def pillow(
         self, size: Point, centre: Point, material: Material, *, rotate: Array | None = None, cells: int = 7
     ) -> Self:
-        """A stuffed cushion lying in its local x–y plane, ``size`` = (width, height, thickness): thin pinched rim."""
+        """A stuffed cushion lying in its local x–y plane, ``size`` = (width, height, thickness).
+
+        Its rim is thin and pinched; its faces have a dent and folds towards the corners, which differ from place to
+        place.
+        """
         w, h, d = (float(k) / 2 for k in size)
         cut = np.sin(np.linspace(-np.pi / 2, np.pi / 2, cells + 1))
         s, t = (k.reshape(-1) for k in np.meshgrid(cut, cut, indexing="ij"))
@@ -215,8 +221,13 @@ class Kit(MeshBuilder):
         x = w * s * (1 - 0.07 * (1 - t**2))
         y = h * t * (1 - 0.07 * (1 - s**2))
         thick = d * (np.clip(1 - np.abs(s) ** 2.4, 0, 1) * np.clip(1 - np.abs(t) ** 2.4, 0, 1)) ** 0.42
-        front = np.stack([x, y, thick], axis=1)
-        back = np.stack([x, y, -thick], axis=1)
+        at = np.abs(np.asarray(centre, dtype=np.float64))
+        phase = np.random.default_rng(np.rint(at * 1e4).astype(np.int64).tolist()).uniform(0, 2 * np.pi, 3)
+        folds = 0.13 * np.sin(7 * np.arctan2(t, s) + phase[0]) * np.hypot(s, t) ** 2
+        folds += 0.07 * np.sin(4 * s + 5 * t + phase[1])
+        dent = 0.24 * np.exp(-((s - 0.3 * np.sin(phase[2])) ** 2 + (t - 0.25 * np.cos(phase[2])) ** 2) / 0.2)
+        front = np.stack([x, y, thick * (1 + folds - dent)], axis=1)
+        back = np.stack([x, y, -thick * (1 - folds)], axis=1)
         index = grid_faces(cells + 1, cells + 1)
         faces = np.concatenate([index, index[:, ::-1] + len(front)])
         vertices = np.concatenate([front, back])

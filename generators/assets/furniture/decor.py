@@ -4,41 +4,66 @@ from __future__ import annotations
 
 import numpy as np
 
+from generators.assets.forms import Array, cap_faces, outward, skin_faces
 from generators.assets.furniture.common import Kit
 from generators.assets.furniture.parts import picture_frame
 from generators.assets.materials import PICTURES, RUGS
 from generators.assets.shapes import rotation
+from generators.assets.styles import STYLES
 
 
 def rug(kit: Kit, *, length: float | None = None, width: float | None = None) -> None:
-    """A flat rug, 3 : 2, with its pattern over the whole of it and fringes on its short sides."""
+    """A rug, 3 : 2, with its pattern over the whole of it, an uneven soft border, and sometimes fringes."""
     k = int(kit.rng.integers(RUGS))
     w = float(length or kit.near(2.3, 0.08))
-    d, thick = float(width or w / 1.5), 0.01
+    d, thick = float(width or w / 1.5), STYLES[kit.palette.style].pile
     material = kit.m(f"rug_{k}")
     x, z = w / 2, d / 2
-    corners = np.array([(-x, thick, z), (x, thick, z), (x, thick, -z), (-x, thick, -z)])
-    kit.cloth_quad(corners, material)
-    # The rim takes the colour of the pattern's own edge.
-    rim = np.array([(-x, 0.0, z), (x, 0.0, z), (x, 0.0, -z), (-x, 0.0, -z)])
-    chart = np.array([(0.005, 0.005), (0.995, 0.005), (0.995, 0.995), (0.005, 0.995)])
-    for a in range(4):
-        b = (a + 1) % 4
-        index = np.array([[0, 1, 2], [0, 2, 3]])
-        kit.add(np.array([rim[a], rim[b], corners[b], corners[a]]), index, material, uv=chart[[a, b, b, a]][index])
-    kit.add(rim[::-1], np.array([[0, 1, 2], [0, 2, 3]]), material, uv=chart[np.array([[0, 1, 2], [0, 2, 3]])])
-    if kit.rng.random() < 0.6:
-        yarn = kit.m("sheer")
-        for side in (-1, 1):
-            for pz in np.arange(-z + 0.012, z - 0.005, 0.03):
-                jitter = float(kit.rng.uniform(-0.006, 0.006))
-                tip = (side * (x + 0.055), 0.002, pz + jitter + 0.008)
-                index = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
-                points = np.array(
-                    [(side * x, 0.001, pz - 0.008), (side * x, 0.001, pz + 0.008), tip, (side * x, 0.008, pz)]
-                )
-                kit.add(points, index if side < 0 else index[:, ::-1], yarn)
-    kit.sound((-x, 0.0, -z), (x, thick, z), material)
+    fringe = kit.rng.random() < 0.6
+    # Twelve points to a side: hems are never quite straight, and the pile bends outwards over them.
+    t = np.linspace(-1, 1, 13)[:-1]
+    side = np.ones(12)
+    outline = np.concatenate([np.stack(p, 1) for p in ((t, side), (side, -t), (-t, -side), (-side, t))])
+    phase = kit.rng.uniform(0, 2 * np.pi, 4)
+    angle = np.linspace(0, 2 * np.pi, len(outline), endpoint=False)
+    sway = 0.0025 * np.sin(9 * angle + phase[0]) + 0.0015 * np.sin(23 * angle + phase[1])
+
+    def ring(out: float, y: float) -> Array:
+        return np.stack(
+            [outline[:, 0] * (x - out + sway), np.full(len(outline), y), outline[:, 1] * (z - out + sway)], 1
+        )
+
+    bend = min(0.5 * thick, 0.006)
+    loops = np.array(
+        [
+            ring(0.006, 0.0),
+            ring(0.004, 0.5 * thick),
+            ring(0.004 + 0.4 * bend, thick - 0.4 * bend),
+            ring(0.004 + 1.6 * bend, thick),
+        ]
+    )
+    count = len(outline)
+    points = np.concatenate([loops.reshape(-1, 3), [[0.0, 0.0, 0.0], [0.0, thick, 0.0]]])
+    bottom, top = cap_faces(len(loops), count)
+    faces = np.concatenate([skin_faces(len(loops), count), bottom, top])
+    chart = np.stack([0.5 + 0.497 * points[:, 0] / x, 0.5 - 0.497 * points[:, 2] / z], axis=1)
+    kit.add(points, outward(points, faces), material, uv=chart[outward(points, faces)], crease=50.0)
+    if fringe:
+        _fringe(kit, x, z)
+    kit.sound((-x, 0.0, -z), (x, 0.01, z), material)
+
+
+def _fringe(kit: Kit, x: float, z: float) -> None:
+    """Knotted threads of different lengths at the two short sides of a rug of 2·``x`` by 2·``z`` metres."""
+    yarn = kit.m("sheer")
+    for side in (-1, 1):
+        for pz in np.arange(-z + 0.012, z - 0.005, 0.025):
+            long, drift = float(kit.rng.uniform(0.035, 0.052)), float(kit.rng.uniform(-0.012, 0.012))
+            tip = (side * (x + long), 0.002, pz + drift)
+            index = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
+            root = side * (x - 0.008)
+            points = np.array([(root, 0.001, pz - 0.007), (root, 0.001, pz + 0.007), tip, (root, 0.007, pz)])
+            kit.add(points, index if side < 0 else index[:, ::-1], yarn)
 
 
 def picture(kit: Kit, *, width: float | None = None, height: float | None = None) -> None:
@@ -80,15 +105,29 @@ def picture(kit: Kit, *, width: float | None = None, height: float | None = None
         kit.sound((x - w / 2, -h / 2, 0.0), (x + w / 2, h / 2, 0.026), kit.m("mount_board"))
 
 
+#: Kind of curtain → width of a fold at the rod and at the hem (m), and depth of the folds there (m).
+_FOLDS = {
+    "pleated": ((0.08, 0.12), (0.020, 0.036)),
+    "eyelet": ((0.13, 0.13), (0.040, 0.040)),
+    "gathered": ((0.055, 0.11), (0.016, 0.034)),
+    "sheer": ((0.06, 0.09), (0.014, 0.026)),
+}
+#: Points per fold at the rod, and rows of points from rod to hem.
+_FOLD_POINTS, _CURTAIN_ROWS = 6, 7
+#: Largest depth of a fold to each side of the rod (m): the curtains' place is planned with it.
+_DEEPEST_FOLD = 0.044
+
+
 def curtains(kit: Kit, *, width: float | None = None, height: float | None = None) -> None:
     """A pair of curtains drawn to the sides of a window, on a rod with finials.
 
     ``width`` is the rod's length; the window between the curtains is about half of it. The mount is the wall: the
-    centre of the back face is the origin.
+    centre of the back face is the origin. The style chooses how the cloth falls.
     """
     kit.mount = "wall"
     w, h = float(width or 2.0), float(height or 2.4)
-    cloth, metal = kit.m("curtain"), kit.m("metal")
+    kind = str(kit.palette.choose("curtains", STYLES[kit.palette.style].curtains))
+    cloth, metal = kit.m("sheer" if kind == "sheer" else "curtain"), kit.m("metal")
     top = h / 2 - 0.03
     kit.rod((-w / 2, top, 0.085), (w / 2, top, 0.085), 0.0125, metal, sides=10)
     for side in (-1, 1):
@@ -101,21 +140,39 @@ def curtains(kit: Kit, *, width: float | None = None, height: float | None = Non
         )
         kit.rod((side * (w / 2 - 0.1), top, 0.004), (side * (w / 2 - 0.1), top, 0.085), 0.008, metal, sides=6)
         reach = min(0.28 * w, 0.62) * float(kit.rng.uniform(0.85, 1.0))
-        folds = max(4, round(reach / 0.095))
-        count = folds * 7 + 1
-        u = np.linspace(0, 1, count)
-        phase = float(kit.rng.uniform(0, 6))
-        rows = []
-        for y in np.linspace(top - 0.02, -h / 2 + 0.012, 6):
-            s = (top - y) / h
-            deep = 0.028 + 0.016 * s
-            swing = 0.35 * np.sin(3.1 * u * folds * 0.37 + phase + 1.2 * s) * s
-            z = 0.085 + deep * np.sin(2 * np.pi * folds * u + swing)
-            x = side * (w / 2 - 0.03 - reach * (1 - 0.06 * s) * u) + 0.010 * s * np.sin(4 * np.pi * folds * u + phase)
-            rows.append(np.stack([x, np.full(count, y), z], axis=1))
+        fall = _fall(kind, reach, float(kit.rng.uniform(0, 6)))
+        heights = np.linspace(top + (0.014 if kind == "eyelet" else -0.016), -h / 2 + 0.012, _CURTAIN_ROWS)
+        rows = [
+            np.stack([side * (w / 2 - 0.03 - x), np.full(len(x), y), 0.085 + z], axis=1)
+            for y, (x, z) in zip(heights, fall, strict=True)
+        ]
         kit.shell(np.array(rows), 0.003, cloth)
         x0, x1 = sorted((side * (w / 2 - 0.03), side * (w / 2 - 0.03 - reach)))
         kit.sound((x0, -h / 2 + 0.012, 0.06), (x1, top, 0.11), cloth)
+
+
+def _fall(kind: str, reach: float, phase: float) -> list[tuple[Array, Array]]:
+    """How a curtain falls: per row from rod to hem, distances (N,) along the rod and from its plane (m).
+
+    Narrow folds at the rod merge into fewer, wider and deeper ones of different sizes at the hem.
+    """
+    (narrow, wide), (shallow, deep) = _FOLDS[kind]
+    rng = np.random.default_rng(int(phase * 1e6))
+    above, below = max(3, round(reach / narrow)), max(3, round(reach / wide))
+    u = np.linspace(0, 1, above * _FOLD_POINTS + 1)
+    # A monotone warp of the hem makes its folds unequal.
+    uneven = np.concatenate([[0.0], np.cumsum(rng.uniform(0.6, 1.4, below))])
+    warp = np.interp(u, uneven / uneven[-1], np.linspace(0, 1, below + 1))
+    size = np.interp(u, np.linspace(0, 1, below), rng.uniform(0.65, 1.0, below))
+    out = []
+    for s in np.linspace(0, 1, _CURTAIN_ROWS):
+        blend = s**0.7
+        upper, lower = 2 * np.pi * above * u, 2 * np.pi * below * warp + phase * s
+        z = (1 - blend) * shallow * np.cos(upper) + blend * deep * size * np.cos(lower)
+        sway = 0.3 * ((1 - blend) * shallow * np.sin(upper) + blend * deep * size * np.sin(2 * lower))
+        x = reach * (1 - 0.07 * np.sin(np.pi * s)) * u + sway * np.sin(np.pi * u)
+        out.append((np.clip(x, 0.0, reach), np.clip(z, -_DEEPEST_FOLD, _DEEPEST_FOLD)))
+    return out
 
 
 def radiator(kit: Kit, *, length: float | None = None) -> None:

@@ -7,9 +7,25 @@ import numpy as np
 from generators.assets.forms import rounded_rectangle
 from generators.assets.furniture.common import Kit
 from generators.assets.shapes import rotation
+from generators.assets.styles import STYLES
 from generators.assets.textures.pictures import SPINES
 from generators.core.scene import Material
 
+#: Profile of a turned leg: radius and height, in units of its own.
+TURNED_LEG = np.array(
+    [
+        (0, 0),
+        (0.55, 0),
+        (0.7, 0.06),
+        (0.5, 0.12),
+        (0.62, 0.3),
+        (1.0, 0.66),
+        (0.72, 0.74),
+        (1.05, 0.8),
+        (1.05, 1),
+        (0, 1),
+    ]
+)
 HANDLES = ("bar", "knob", "cup", "groove")
 
 
@@ -101,8 +117,7 @@ def pull_style(kit: Kit, place: str, role: str = "metal") -> tuple[str, str, Mat
 
 def is_shaker(kit: Kit) -> bool:
     """Whether the flat's cabinet fronts are framed."""
-    likely = {"warm_classic": 0.9, "scandinavian": 0.4, "mediterranean": 0.7, "industrial": 0.3, "modern_dark": 0.0}
-    return bool(kit.palette.stream("shaker").random() < likely[kit.palette.style])
+    return bool(kit.palette.stream("shaker").random() < STYLES[kit.palette.style].shaker)
 
 
 def carcass(
@@ -163,8 +178,13 @@ def book_row(
     return at
 
 
-def book(kit: Kit, low: tuple[float, float, float], high: tuple[float, float, float], cell: int) -> None:
-    """One upright book: the spine to the front from a cell of the atlas, covers of its colour, pages on top."""
+def book(
+    kit: Kit, low: tuple[float, float, float], high: tuple[float, float, float], cell: int, *, lying: bool = False
+) -> None:
+    """One book: the spine to the front from a cell of the atlas, covers of its colour at its sides, pages on top.
+
+    ``lying``: the covers are above and below, and the pages at its sides.
+    """
     books, paper = kit.m("books"), kit.m("paper")
     columns, rows = SPINES
     r, c = divmod(cell, columns)
@@ -179,12 +199,14 @@ def book(kit: Kit, low: tuple[float, float, float], high: tuple[float, float, fl
 
     spine = (u0, u1, v0, v1)
     cover = (u0 + 0.12 * (u1 - u0), u0 + 0.18 * (u1 - u0), v0 + 0.01, v0 + 0.03)
+    pages = (0.0, 1.0, 0.0, 1.0)
+    side, level = ((paper, pages), (books, cover)) if lying else ((books, cover), (paper, pages))
     face([(x0, y0, z1), (x1, y0, z1), (x1, y1, z1), (x0, y1, z1)], books, spine)
-    face([(x0, y0, z0), (x0, y0, z1), (x0, y1, z1), (x0, y1, z0)], books, cover)
-    face([(x1, y0, z1), (x1, y0, z0), (x1, y1, z0), (x1, y1, z1)], books, cover)
-    face([(x0, y1, z1), (x1, y1, z1), (x1, y1, z0), (x0, y1, z0)], paper, (0, 1, 0, 1))
-    face([(x1, y0, z0), (x0, y0, z0), (x0, y1, z0), (x1, y1, z0)], paper, (0, 1, 0, 1))
-    face([(x0, y0, z0), (x1, y0, z0), (x1, y0, z1), (x0, y0, z1)], paper, (0, 1, 0, 1))
+    face([(x0, y0, z0), (x0, y0, z1), (x0, y1, z1), (x0, y1, z0)], *side)
+    face([(x1, y0, z1), (x1, y0, z0), (x1, y1, z0), (x1, y1, z1)], *side)
+    face([(x0, y1, z1), (x1, y1, z1), (x1, y1, z0), (x0, y1, z0)], *level)
+    face([(x1, y0, z0), (x0, y0, z0), (x0, y1, z0), (x1, y1, z0)], paper, pages)
+    face([(x0, y0, z0), (x1, y0, z0), (x1, y0, z1), (x0, y0, z1)], *level)
 
 
 def book_pile(kit: Kit, x: float, y: float, z: float, count: int) -> float:
@@ -194,7 +216,8 @@ def book_pile(kit: Kit, x: float, y: float, z: float, count: int) -> float:
         t = float(kit.rng.uniform(0.016, 0.034))
         turn = rotation("y", float(kit.rng.uniform(-14, 14)))
         lying = Kit(kit.palette, kit.rng)
-        book(lying, (-d / 2, 0.0, -w / 2), (d / 2, t, w / 2), int(kit.rng.integers(SPINES[0] * SPINES[1])))
+        cell = int(kit.rng.integers(SPINES[0] * SPINES[1]))
+        book(lying, (-d / 2, 0.0, -w / 2), (d / 2, t, w / 2), cell, lying=True)
         kit.merge(lying.build(), centre=(x, y, z), rotate=turn)
         y += t
     return y
@@ -242,10 +265,18 @@ def wooden_legs(
     splay: float = 0.0,
     radius: float = 0.018,
 ) -> None:
-    """Four tapered round legs at the corners, their feet ``splay`` metres further out."""
+    """Four legs at the corners: tapered round ones, their feet ``splay`` metres further out, square or turned ones."""
+    form = str(kit.palette.choose("legs", STYLES[kit.palette.style].legs))
     for px in x:
         for pz in z:
             sx, sz = np.sign(px - sum(x) / 2), np.sign(pz - sum(z) / 2)
+            if form == "square":
+                r = 0.95 * radius
+                kit.panel((px - r, 0.0, pz - r), (px + r, height, pz + r), material, bevel=0.002)
+                continue
+            if form == "turned" and height > 0.1:
+                kit.lathe(TURNED_LEG * (radius, height), material, centre=(px, 0.0, pz), segments=10)
+                continue
             kit.rod(
                 (px + sx * splay, 0.0, pz + sz * splay), (px, height, pz), radius * 0.62, material, end_radius=radius
             )
