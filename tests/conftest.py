@@ -25,8 +25,8 @@ settings.register_profile("explore", deadline=None)
 settings.load_profile("repeatable")
 
 
-# Nothing that is collected, thousands of tests and all modules, is garbage before the end: going over it again and again
-# takes a quarter of the time of the collection, and part of that of the tests.
+# Nothing that is collected, thousands of tests and all modules, is garbage before the end: to go over it again and
+# again takes a quarter of the time of the collection, and part of that of the tests.
 gc.disable()
 
 #: Marker → files whose tests all have it. Those that take the fixture ``browser`` are marked ``browser``.
