@@ -148,7 +148,7 @@ listener: setup ## make the training data, train the listener, make the test set
 	@$(MAKE) --no-print-directory -f benchmarks/listener.mk -j 2 AVS3D=$(BIN)/avs3d PYTHON=$(BIN)/python WORKERS=$(WORKERS) DEVICE=$(DEVICE)
 
 # Each module is compiled once, not by each of the hundreds of programs that tests start, whatever the shell says.
-test test-slow: export PYTHONDONTWRITEBYTECODE =
+test test-slow test-all: export PYTHONDONTWRITEBYTECODE =
 
 test: setup ## run the fast tests, before each commit
 	$(PYTEST) -m "not slow"
@@ -159,9 +159,8 @@ test-slow: setup ## run the slow tests: engines, browser, cluster, faults, full-
 test-latest: ## run the fast tests against the newest versions of all packages, in ./.venv-latest
 	$(MAKE) --no-print-directory test VENV=.venv-latest LATEST=1
 
-test-all: ## run all tests
-	$(MAKE) test
-	$(MAKE) test-slow
+test-all: setup ## run all tests
+	$(PYTEST)
 
 lint: setup ## check style, types and the documentation site
 	$(BIN)/ruff check .

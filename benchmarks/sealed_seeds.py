@@ -82,7 +82,7 @@ def agreement(model: ColmapModel, home: RayCaster) -> float:
 
 def home_of(seed: int) -> RayCaster:
     """The surfaces of the procedural home with a seed."""
-    return RayCaster(build_apartment("home", seed))
+    return RayCaster(build_apartment("home", seed, plain=True))
 
 
 def public_homes() -> list[int]:

@@ -133,8 +133,8 @@ def plans_of(document: dict[str, Any]) -> list[ObservationPlan]:
 
 @lru_cache(maxsize=1)
 def unlit_home(name: str, seed: int) -> Scene:
-    """A home without its light, which placement and walk do not need."""
-    return build_apartment(name, seed)
+    """A home without its materials and light, which placement and walk do not need."""
+    return build_apartment(name, seed, plain=True)
 
 
 def home_of(plan: ObservationPlan) -> Scene:

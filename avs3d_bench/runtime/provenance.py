@@ -16,13 +16,16 @@ import ast
 import gc
 import hashlib
 import importlib.resources
+import importlib.util
 import json
+import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from importlib import metadata
+from pathlib import Path
 from typing import Any
 
 from avs3d_bench.errors import Avs3dError
@@ -197,8 +200,12 @@ _FIELDS: Mapping[type, tuple[str, ...]] = {
     for kind in vars(ast).values()
     if isinstance(kind, type) and issubclass(kind, ast.AST)
 }
+#: Number of sources that are remembered: several times those of an installation, so that old ones are forgotten.
+_REMEMBERED = 4096
 #: Kinds of nodes that may begin with a docstring.
 _DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+#: Kinds of nodes that may import.
+_IMPORTING = (ast.Import, ast.ImportFrom, ast.Call)
 
 
 @dataclass(frozen=True)
@@ -238,8 +245,13 @@ def provenance(*results: str, without: tuple[str, ...] = ()) -> Provenance:
     Raises:
         Avs3dError: if there is no such result, or a source is missing or cannot be read.
     """
+    known = _remembered()
+    before = len(known)
     with _without_collection():
-        return read_provenance(importlib.resources.files, results, without=without)
+        found = read_provenance(importlib.resources.files, results, without=without)
+    if len(known) > before:
+        _remember(known)
+    return found
 
 
 @contextmanager
@@ -276,7 +288,7 @@ def read_provenance(files: Callable[[str], Any], results: Iterable[str], *, with
                 sources[path], imported = _read_source(data)
             except (SyntaxError, ValueError) as error:
                 raise Avs3dError(f"{path}: cannot be read as Python ({error}); reinstall avs3d-bench") from None
-            libraries |= imported
+            libraries.update(imported)
     versions: dict[str, str] = {}
     for library in libraries:
         versions |= _versions(library)
@@ -339,32 +351,75 @@ def _files_below(folder: Any, path: str, without: frozenset[str]) -> Iterator[tu
             yield below, entry
 
 
-@lru_cache(maxsize=1024)
-def _read_source(source: bytes) -> tuple[str, frozenset[str]]:
+def _read_source(source: bytes) -> tuple[str, Sequence[str]]:
     """sha256 of a Python file's normal form, and the libraries that it imports."""
-    tree = ast.parse(source)
+    known, name = _remembered(), hashlib.sha256(source).hexdigest()
+    if name not in known:
+        known[name] = _parse_source(source)
+    return known[name]
+
+
+def _memory() -> Path:
+    """Beside Python's compiled code of this module, since what it holds also depends on nothing but sources."""
+    return Path(importlib.util.cache_from_source(__file__)).with_suffix(".sources.json")
+
+
+def _own_digest() -> str:
+    return hashlib.sha256(importlib.resources.files(__package__).joinpath("provenance.py").read_bytes()).hexdigest()
+
+
+@lru_cache(maxsize=1)
+def _remembered() -> dict[str, tuple[str, Sequence[str]]]:
+    """sha256 of a Python file → `_parse_source` of it, as processes before this one found; reading takes a second."""
+    with suppress(OSError, ValueError):
+        by, known = json.loads(_memory().read_bytes())
+        if by == _own_digest():
+            return {name: (form, libraries) for name, (form, libraries) in known.items()}
+    return {}
+
+
+def _remember(known: dict[str, tuple[str, Sequence[str]]]) -> None:
+    """Keep what is known for other processes, where Python keeps compiled code."""
+    if sys.dont_write_bytecode:
+        return
+    path = _memory()
+    own = path.with_suffix(f".{os.getpid()}")
+    with suppress(OSError):
+        newest = dict(list(known.items())[-_REMEMBERED:])
+        own.write_text(json.dumps([_own_digest(), newest]))
+        own.replace(path)
+
+
+def _parse_source(source: bytes) -> tuple[str, Sequence[str]]:
     imported: set[str] = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            imported |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and not node.level:
-            imported.add(node.module or "")
-        elif isinstance(node, ast.Call) and getattr(node.func, "attr", getattr(node.func, "id", "")) in _IMPORTERS:
-            imported |= {str(argument.value) for argument in node.args[:1] if isinstance(argument, ast.Constant)}
+    form = repr(_normal(ast.parse(source), imported)).encode(errors="surrogatepass")
     tops = {module.partition(".")[0] for module in imported} - {"", *PACKAGES, *_NAME_RESOLVERS}
-    form = repr(_normal(tree)).encode(errors="surrogatepass")
-    return hashlib.sha256(form).hexdigest(), frozenset(tops - sys.stdlib_module_names)
+    return hashlib.sha256(form).hexdigest(), sorted(tops - sys.stdlib_module_names)
 
 
-def _normal(node: Any) -> Any:
-    """A syntax tree as nested lists, without docstrings and positions."""
+def _normal(node: Any, imported: set[str]) -> Any:
+    """A syntax tree as nested lists, without docstrings and positions; the modules that it imports are added."""
     if isinstance(node, list):
-        return [_normal(each) for each in node]
+        return [_normal(each, imported) for each in node]
     if not isinstance(node, ast.AST):
         return node
-    if isinstance(node, _DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
-        del node.body[0]
-    return [type(node).__name__, *(_normal(getattr(node, field, None)) for field in _FIELDS[type(node)])]
+    kind = type(node)
+    if kind in _IMPORTING:
+        imported |= _imported_by(node)
+    elif kind in _DOCUMENTED and ast.get_docstring(node, clean=False) is not None:  # type: ignore[arg-type]
+        del node.body[0]  # type: ignore[attr-defined]
+    return [kind.__name__, *[_normal(getattr(node, field, None), imported) for field in _FIELDS[kind]]]
+
+
+def _imported_by(node: ast.AST) -> set[str]:
+    """The modules that a statement or a call imports."""
+    if isinstance(node, ast.Import):
+        return {alias.name for alias in node.names}
+    if isinstance(node, ast.ImportFrom):
+        return set() if node.level else {node.module or ""}
+    if isinstance(node, ast.Call) and getattr(node.func, "attr", getattr(node.func, "id", "")) in _IMPORTERS:
+        return {str(argument.value) for argument in node.args[:1] if isinstance(argument, ast.Constant)}
+    return set()
 
 
 @lru_cache(maxsize=1)

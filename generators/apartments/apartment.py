@@ -13,6 +13,7 @@ from generators.apartments.furnish import furnish
 from generators.apartments.interior.arrange import Arranger
 from generators.apartments.interior.clutter import add_clutter
 from generators.apartments.interior.pieces import Placed
+from generators.apartments.plain import PlainPalette
 from generators.apartments.planning import make_floor_plan
 from generators.apartments.shell import build_shell
 from generators.assets.materials import Palette
@@ -130,13 +131,14 @@ def _furnished(arranged: Arranger) -> tuple[list[Part], list[Support]]:
     return parts, _room_supports(arranged) + _furniture_supports(arranged)
 
 
-def build_apartment(name: str, seed: int, workers: int = 1) -> Scene:
+def build_apartment(name: str, seed: int, workers: int = 1, *, plain: bool = False) -> Scene:
     """Build a furnished flat without its light.
 
     Args:
         name: the scene's name; it does not influence the flat.
         seed: decides everything, 0 or more; consecutive seeds differ in layout and style.
         workers: threads; the flat does not depend on them.
+        plain: whether all materials are white, where only the geometry is needed: several times as fast.
 
     Returns:
         A scene of one part per room's shell (``shell_<room>``), one per piece of furniture and small
@@ -146,7 +148,7 @@ def build_apartment(name: str, seed: int, workers: int = 1) -> Scene:
         np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(4)
     )
     plan = make_floor_plan(seed, plan_rng)
-    palette = Palette.from_seed(palette_rng, tuple(STYLES)[seed % len(STYLES)])
+    palette = (PlainPalette if plain else Palette).from_seed(palette_rng, tuple(STYLES)[seed % len(STYLES)])
     pool = ThreadPoolExecutor(workers) if workers > 1 else None
     try:
         # Textures take longest: other threads draw them while this one builds the meshes.

@@ -90,8 +90,8 @@ def are_alike(found: Arrangement) -> bool:
 
 @lru_cache(maxsize=KEPT_HOMES)
 def _home(name: str, seed: int) -> Scene:
-    """A home without its light, which placement and walk do not need."""
-    return build_apartment(name, seed)
+    """A home without its materials and light, which placement and walk do not need."""
+    return build_apartment(name, seed, plain=True)
 
 
 @lru_cache(maxsize=3)

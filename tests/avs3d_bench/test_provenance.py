@@ -137,6 +137,35 @@ def test_an_edit_in_each_folder_changes_the_result_and_one_elsewhere_does_not(pa
             assert digest(packages, result) == before.digest, path
 
 
+def test_sources_are_read_once_and_again_if_that_changes_what_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Processes remember the normal form of a source by its bytes; this test takes the steps of four processes."""
+    module = "avs3d_bench.runtime.provenance"
+    memory = tmp_path / "memory.json"
+    monkeypatch.setattr(f"{module}._memory", lambda: memory)
+    monkeypatch.setattr("sys.dont_write_bytecode", False)
+    parse, parsed = sys.modules[module]._parse_source, []
+    monkeypatch.setattr(f"{module}._parse_source", lambda source: parsed.append(source) or parse(source))
+
+    def by_another_process() -> tuple[Provenance, int]:
+        parsed.clear()
+        sys.modules[module]._remembered.cache_clear()
+        provenance.cache_clear()
+        return provenance("tar"), len(parsed)
+
+    first, count = by_another_process()
+    assert count >= 10
+    assert by_another_process() == (first, 0)
+    memory.write_text(memory.read_text()[:-9])
+    assert by_another_process() == (first, count)
+    monkeypatch.setattr(f"{module}._own_digest", lambda: "of a later version")
+    assert by_another_process() == (first, count)
+    monkeypatch.undo()
+    sys.modules[module]._remembered.cache_clear()
+    provenance.cache_clear()
+
+
 METHODS = sorted(
     {f"baselines.{name.split('.')[1]}" for name in MODULES if name.startswith("baselines.")}
     - {f"baselines.{name}" for name in ("cli", "doctor", "networks", "oracle_errors", "reference_scores")}

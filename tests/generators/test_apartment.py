@@ -26,7 +26,8 @@ NESTED = {frozenset(pair) for pair in (("chair", "dining_table"), ("chair", "des
 
 @cache
 def flat(seed: int) -> Scene:
-    return build_apartment("flat", seed)
+    """The geometry of a flat."""
+    return build_apartment("flat", seed, plain=True)
 
 
 def kind(part_name: str) -> str:
@@ -266,7 +267,7 @@ def test_rooms_hold_what_makes_them_recognisable(seed: int) -> None:
 @pytest.mark.slow
 def test_pictures_on_blank_walls_change_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("generators.apartments.furnish.dress_walls", lambda _: None)
-    bare = [(part.name, part.mesh.positions.tobytes()) for part in build_apartment("flat", 0).parts]
+    bare = [(part.name, part.mesh.positions.tobytes()) for part in build_apartment("flat", 0, plain=True).parts]
     dressed = [(part.name, part.mesh.positions.tobytes()) for part in flat(0).parts]
     more = [name for name, _ in dressed if name not in dict(bare)]
     assert len(more) >= 4
@@ -324,7 +325,21 @@ def test_there_is_room_for_the_objects_of_the_benchmark(seed: int) -> None:
 
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes_and_the_name_does_not_matter() -> None:
-    assert digest(build_apartment("another name", 2)) == digest(flat(2))
+    assert digest(build_apartment("another name", 2)) == digest(build_apartment("flat", 2))
+
+
+@pytest.mark.slow
+def test_a_plain_flat_has_the_geometry_of_the_flat() -> None:
+    def geometry(scene: Scene) -> list[tuple[str, bytes, bytes, bytes]]:
+        meshes = {part.name: part.mesh for part in scene.parts}
+        return [
+            (name, mesh.positions.tobytes(), mesh.normals.tobytes(), mesh.acoustic_positions.tobytes())
+            for name, mesh in meshes.items()
+        ]
+
+    plain, whole = flat(1), build_apartment("flat", 1)
+    assert geometry(plain) == geometry(whole)
+    assert (plain.rooms, repr(plain.supports)) == (whole.rooms, repr(whole.supports))
 
 
 @pytest.mark.slow

@@ -128,6 +128,7 @@ class _Traversal:
         return trace(self._triangles, origins, directions, far, any_hit=True)[0] >= 0
 
 
+@pytest.mark.slow
 def test_light_baked_with_the_devices_rays_is_that_of_embree(monkeypatch: pytest.MonkeyPatch) -> None:
     """A room with a lamp and a table, in which no two faces lie in one place: only rounding differs."""
     from generators.assets.shapes import MeshBuilder

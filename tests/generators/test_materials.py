@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from avs3d_bench.errors import UsageError
+from generators.apartments.plain import UNTEXTURED
 from generators.assets import materials
 from generators.assets.finishes import DRY_FLOORS, accent_wall, dry_floor, wall_tiles, wet_floor, worktop
 from generators.assets.materials import ROLES, ROOM_KINDS, TILES, Palette
@@ -37,6 +38,7 @@ def test_every_role_has_a_material_that_is_bright_and_labelled_like_a_real_one(p
         material = palette.material(role)
         assert material.name == role
         assert material.acoustic in LABELS, role
+        assert (material.texture is None) == (role in UNTEXTURED), role
         assert 0 < material.roughness <= 1
         colour = np.array(material.colour)
         if material.texture is not None:

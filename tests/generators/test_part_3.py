@@ -448,7 +448,7 @@ def test_siblings_of_one_that_fails_are_made(group: Dataset, tmp_path: Path) -> 
 
 @cache
 def flat() -> Scene:
-    return build_apartment("flat", 11)
+    return build_apartment("flat", 11, plain=True)
 
 
 def away(folder: Path, *categories: str, **changes: object) -> tuple[SoundSource, ...]:

@@ -525,7 +525,7 @@ def test_the_command_in_a_manifest_of_listen_makes_it_if_the_same_groups_fit(
 @pytest.mark.slow
 def test_the_command_in_the_manifest_of_listen_makes_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    made, words = made_by_its_command(LISTEN, tmp_path, "--workers", "2")
+    made, words = made_by_its_command(LISTEN, tmp_path, "--workers", "1")  # which builds each home once
     assert "--check" in words
     assert made.read_bytes() == LISTEN.read_bytes()
 

@@ -93,6 +93,7 @@ def test_it_generates_at_once(folder: Path) -> None:
     assert all((folder / "data" / key / "observation.json").is_file() for key in keys)
 
 
+@pytest.mark.slow
 def test_the_same_scan_gives_the_same_bytes(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "phone").symlink_to(folder / "phone")
     words = [folder / "phone" / "room.ply", "-o", folder / "again.yaml", "--licence", "CC0 1.0", "Ann"]
@@ -143,6 +144,7 @@ def test_the_page_opens_without_a_complaint(folder: Path) -> None:
                 assert visit.overflow <= 0
 
 
+@pytest.mark.slow
 def test_a_page_alone_is_written_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A run that found no place for anything, or was interrupted, leaves a page; it holds no work of the user."""
     (folder / "late.html").write_bytes((folder / "my_room.html").read_bytes())

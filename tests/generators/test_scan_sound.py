@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from scipy.signal import fftconvolve
 
 from avs3d_bench.contract import layout
 from avs3d_bench.errors import Avs3dError, UsageError
@@ -424,7 +425,7 @@ def test_exchanged_channels_are_caught_in_a_real_room() -> None:
     for _ in range(16):
         pose = Pose.from_yaw((rng.uniform(-0.6, 0.4), -0.15, rng.uniform(-0.8, 0.6)), rng.uniform(-np.pi, np.pi))
         response = session.impulse_response(pose)
-        clip = np.stack([np.convolve(noise, channel)[: len(noise)] for channel in response])
+        clip = np.stack([fftconvolve(noise, channel)[: len(noise)] for channel in response])
         levels.append(side_level(clip))
         exchanged.append(side_level(clip[::-1]))
         sines.append(np.sin(np.radians(direction_to(pose, (0.6, -0.6, 0.9)).azimuth)))

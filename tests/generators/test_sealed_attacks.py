@@ -200,7 +200,7 @@ def test_a_seed_that_can_be_tried_is_found_and_a_drawn_one_is_not() -> None:
 
 @pytest.mark.slow
 def test_a_home_of_a_public_manifest_is_recognised_by_its_points() -> None:
-    apartment = build_apartment("home", KNOWN_HOME)
+    apartment = build_apartment("home", KNOWN_HOME, plain=True)
     home, box = RayCaster(apartment), apartment.room("kitchen")
     eye = (np.asarray(box.low) + np.asarray(box.high)) / 2
     pose, camera = Pose.from_yaw(eye, 0.3), Intrinsics.from_fov(64, 90.0)

@@ -15,6 +15,25 @@ from tests.support.markdown_code import ROOT, blocks, install_commands
 PACKAGES = ("avs3d_bench", "generators", "evaluators", "baselines")
 
 
+def copy_kernels(sources: Path, copy: Path) -> Path:
+    """A folder with the compiled kernels that there are of ``sources``, for a copy of them that has the same dates.
+
+    numba names the folder of a module's kernels after the path of the module.
+    """
+    from numba.core.caching import _CacheLocator
+
+    from generators.core.jit import _KERNELS
+
+    place = copy / "numba"
+    for module in (sources / "generators").rglob("*.py"):
+        names = [_CacheLocator.get_suitable_cache_subpath(str(file))  # type: ignore[no-untyped-call]
+                 for file in (module, copy / module.relative_to(sources))]  # fmt: skip
+        compiled, target = Path(_KERNELS) / names[0], place / Path(_KERNELS).name / names[1]
+        if compiled.is_dir() and not target.is_dir():
+            shutil.copytree(compiled, target)
+    return place
+
+
 class Desk:
     """A working folder with a copy of the packages, as a reader's checkout: commands in it use the copy.
 
@@ -25,8 +44,8 @@ class Desk:
 
     def __init__(self, folder: Path, data: Path | None = None) -> None:
         self.folder = folder
-        for package in PACKAGES:
-            shutil.copytree(ROOT / package, folder / package, ignore=shutil.ignore_patterns("__pycache__"))
+        for package in PACKAGES:  # with Python's compiled code, which fits sources of the same date
+            shutil.copytree(ROOT / package, folder / package)
         shutil.copy(ROOT / "pyproject.toml", folder)
         (folder / "tests").mkdir()
         shutil.copy(ROOT / "tests/test_architecture.py", folder / "tests")
@@ -39,7 +58,7 @@ class Desk:
             "PYTHONPATH": str(folder),
             "PATH": f"{bin_}{os.pathsep}{os.environ['PATH']}",
             "AVS3D_CACHE": str(folder / "cache"),
-            "NUMBA_CACHE_DIR": str(folder / "numba"),
+            "NUMBA_CACHE_DIR": str(copy_kernels(ROOT, folder)),
         }
 
     def run(self, *command: str) -> str:
