@@ -1,14 +1,15 @@
-"""Baked light against an independent path tracer, Mitsuba 3, in rooms of the open benchmark.
+"""The default renderer against an independent path tracer, Mitsuba 3, in rooms of the open benchmark.
 
-    python -m benchmarks.light_reference -o build/light
+    python -m benchmarks.light_reference -o build/light --name 4.0.0 [--before build/light-before]
 
-Both renderers get the same triangles, textures, lamps, windows and sun, and the same camera poses; radiance is
+Both renderers get the same triangles, materials, lamps, windows and sun, and the same camera poses; radiance is
 compared before exposure and tone curve, as the mean over each pixel's square. A pixel counts if all of it shows
-surfaces of one class (walls, floor, ceiling, furniture, objects) that do not emit. The reference is noisy, so both
-pictures are averaged over the pixels around each one that show the same plane (`pooled`). Per room and class the
-table has the median of the relative difference of luminance, its 90th percentile, the ratio of the means, and the
-noise of the reference that is left, from two independent halves of its paths. Maps of the difference are written as
-pictures.
+surfaces of one kind (`KINDS`: diffuse, glossy, metal, glass) and one class (`CLASSES`: walls, floor, …) that do not
+emit. The reference is noisy, so both pictures are averaged over the pixels around each one that show the same plane
+(`pooled`). Per room, kind and class the table has the median of the relative difference of luminance, its 90th
+percentile, the ratio of the means, and the noise of the reference that is left, from two independent halves of its
+paths. Figures are added to docs/results/light-reference.json under ``--name``. Sheets have our picture, with
+``--before`` that of an earlier run from the same poses in front of it, the reference, and a map of the difference.
 
 ``--matte`` makes all materials matte: what is left is matter of the light's transport between matte surfaces alone.
 """
@@ -34,6 +35,7 @@ import numpy as np  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
 from avs3d_bench.errors import Avs3dError  # noqa: E402
+from avs3d_bench.formats.files import read_json, write_bytes  # noqa: E402
 from avs3d_bench.geometry import Intrinsics, Pose  # noqa: E402
 from generators.core.scene import NEUTRAL, Material, Scene  # noqa: E402
 from generators.core.tone import develop  # noqa: E402
@@ -47,8 +49,15 @@ OBSERVATIONS = (
     "part_1/apartment_2/kitchen/2",
     "part_1/apartment_3/bathroom/1",
 )
+RESULTS = Path(__file__).parents[1] / "docs" / "results" / "light-reference.json"
 #: Surface classes in the order of the tables; a face of none of them (it emits, or shows the outdoors) counts nowhere.
 CLASSES = ("walls", "floor", "ceiling", "furniture", "objects")
+#: Kinds of material in the order of the tables.
+KINDS = ("diffuse", "glossy", "metal", "glass")
+#: Roughness below which a material is glossy, and shares from which it is metal, glass, or glossy by its clear layer.
+GLOSSY_ROUGHNESS, METAL, GLASS, COATED = 0.6, 0.5, 0.1, 0.1
+#: Largest median difference that is aimed at, by kind.
+AIMS = {"all": 0.08, "diffuse": 0.04}
 #: Rays per pixel of our picture along each axis.
 OVERSAMPLING = 4
 #: Pixels around a pixel, in each direction, that are averaged if they show the same plane.
@@ -92,12 +101,14 @@ class Comparison:
         ours: (H, W, 3) our radiance.
         halves: (2, H, W, 3) the reference's radiance from two independent halves of its paths.
         label: (H, W) index into `CLASSES`, −1 for pixels that do not count.
+        kind: (H, W) index into `KINDS`.
         plane: (H, W, 4) unit normal and distance from the origin (m) of the plane that the pixel's middle shows.
     """
 
     ours: F32
     halves: F32
     label: NDArray[np.int8]
+    kind: NDArray[np.int8]
     plane: F32
 
     @property
@@ -117,7 +128,7 @@ def luminance(radiance: F32) -> NDArray[np.float64]:
 
 
 def pooled(view: Comparison, radius: int = POOL) -> Comparison:
-    """Average both pictures over the pixels of one class and one plane in a square around each pixel.
+    """Average both pictures over the pixels of one class, kind and plane in a square around each pixel.
 
     The same weights apply to both pictures, so that the average adds no difference of its own.
     """
@@ -129,7 +140,7 @@ def pooled(view: Comparison, radius: int = POOL) -> Comparison:
             here = slice(max(-dy, 0), height - max(dy, 0)), slice(max(-dx, 0), width - max(dx, 0))
             there = slice(max(dy, 0), height - max(-dy, 0)), slice(max(dx, 0), width - max(-dx, 0))
             own, other = view.plane[here], view.plane[there]
-            same = view.label[here] == view.label[there]
+            same = (view.label[here] == view.label[there]) & (view.kind[here] == view.kind[there])
             same &= np.einsum("ijk,ijk->ij", own[..., :3], other[..., :3]) > SAME_NORMAL
             same &= np.abs(own[..., 3] - other[..., 3]) < SAME_PLANE
             if dx == dy == 0:
@@ -140,9 +151,11 @@ def pooled(view: Comparison, radius: int = POOL) -> Comparison:
     return replace(view, ours=mean[0], halves=mean[1:])
 
 
-def agreement(views: Sequence[Comparison], label: int | None = None) -> Agreement:
-    """The figures of one class, or of all that count, over several views."""
+def agreement(views: Sequence[Comparison], label: int | None = None, kind: int | None = None) -> Agreement:
+    """The figures of one class or kind, or of all that count, over several views."""
     chosen = [view.label >= 0 if label is None else view.label == label for view in views]
+    if kind is not None:
+        chosen = [own & (view.kind == kind) for own, view in zip(chosen, views, strict=True)]
     error = np.concatenate([np.abs(view.difference[own]) for view, own in zip(views, chosen, strict=True)])
     if not len(error):
         return Agreement(0, float("nan"), float("nan"), float("nan"), float("nan"))
@@ -180,8 +193,24 @@ def face_labels(scene: Scene) -> NDArray[np.int8]:
     return np.concatenate(out).astype(np.int8)
 
 
-def our_picture(scene: Scene, pose: Pose, camera: Intrinsics) -> tuple[F32, NDArray[np.int8], F32]:
-    """Our radiance (H, W, 3), and the class (H, W) and the plane (H, W, 4) of each pixel (see `Comparison`)."""
+def kind_of(material: Material) -> str:
+    """The kind of a material, of `KINDS`."""
+    if material.transmission >= GLASS:
+        return "glass"
+    if material.metallic >= METAL:
+        return "metal"
+    return "glossy" if material.roughness < GLOSSY_ROUGHNESS or material.clearcoat >= COATED else "diffuse"
+
+
+def face_kinds(scene: Scene) -> NDArray[np.int8]:
+    """(F,) index into `KINDS` of each face of a scene."""
+    kinds = [np.array([KINDS.index(kind_of(m)) for m in part.mesh.materials]) for part in scene.parts]
+    found = [own[part.mesh.face_material] for own, part in zip(kinds, scene.parts, strict=True)]
+    return np.concatenate(found).astype(np.int8)
+
+
+def our_picture(scene: Scene, pose: Pose, camera: Intrinsics) -> tuple[F32, NDArray[np.int8], NDArray[np.int8], F32]:
+    """Our radiance (H, W, 3), and class and kind (H, W) and plane (H, W, 4) of each pixel (see `Comparison`)."""
     from generators.vision.embree import EmbreeBackend
 
     n = OVERSAMPLING
@@ -198,9 +227,13 @@ def our_picture(scene: Scene, pose: Pose, camera: Intrinsics) -> tuple[F32, NDAr
     radiance, face = session.radiance(pose)
     session.close()
     shape = (camera.height, n, camera.width, n)
-    label = np.where(face >= 0, face_labels(scene)[np.maximum(face, 0)], np.int8(-1))
-    label = label.reshape(shape).transpose(0, 2, 1, 3).reshape(camera.height, camera.width, n * n)
-    same = (label == label[..., :1]).all(axis=2)
+
+    def squares(table: NDArray[np.int8]) -> NDArray[np.int8]:
+        found = np.where(face >= 0, table[np.maximum(face, 0)], np.int8(-1)).reshape(shape)
+        return np.asarray(found.transpose(0, 2, 1, 3).reshape(camera.height, camera.width, n * n))
+
+    label, kind = squares(face_labels(scene)), squares(face_kinds(scene))
+    same = (label == label[..., :1]).all(axis=2) & (kind == kind[..., :1]).all(axis=2)
     # Of a lamp beside a pixel a sliver may lie in its square, between the rays.
     glowing = np.asarray((label < 0).any(axis=2), dtype=np.uint8)
     same &= np.asarray(cv2.dilate(glowing, np.ones((3, 3), dtype=np.uint8))) == 0
@@ -211,7 +244,7 @@ def our_picture(scene: Scene, pose: Pose, camera: Intrinsics) -> tuple[F32, NDAr
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
     offset = np.einsum("ijk,ijk->ij", normal, corners[..., 0, :])
     plane = np.concatenate([normal, offset[..., None]], axis=-1).astype(np.float32)
-    return mean.astype(np.float32), np.where(same, label[..., 0], np.int8(-1)).astype(np.int8), plane
+    return mean.astype(np.float32), np.where(same, label[..., 0], -1).astype(np.int8), kind[..., 0], plane
 
 
 def compare(
@@ -239,9 +272,9 @@ def compare(
     reference = MitsubaScene(mi, scene, None if room is None else scene.room(room))
     views = []
     for number, pose in enumerate(poses):
-        ours, label, plane = our_picture(scene, pose, camera)
+        ours, label, kind, plane = our_picture(scene, pose, camera)
         halves = [reference.render(pose, camera, samples, seed=2 * number + half) for half in range(2)]
-        views.append(Comparison(ours, np.stack(halves), label, plane))
+        views.append(Comparison(ours, np.stack(halves), label, kind, plane))
     return views
 
 
@@ -306,11 +339,14 @@ def difference_map(view: Comparison) -> NDArray[np.uint8]:
     return np.where((view.label >= 0)[..., None], colour, 128).astype(np.uint8)
 
 
-def sheet(views: Sequence[Comparison], exposure: float | NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Rows of our picture, the reference and the map of their difference."""
+def sheet(
+    views: Sequence[Comparison], exposure: NDArray[np.float64], before: Sequence[NDArray[np.uint8]] = ()
+) -> NDArray[np.uint8]:
+    """Rows of our picture (in front of it that of ``before``, if there is one), the reference, and their difference."""
     rows = []
-    for view in views:
-        pictures = [develop(exposure * view.ours), develop(exposure * view.reference), difference_map(view)]
+    for number, view in enumerate(views):
+        pictures = [*before[number : number + 1], develop(exposure * view.ours), develop(exposure * view.reference)]
+        pictures.append(difference_map(pooled(view)))
         framed = [np.pad(picture, ((2, 2), (2, 2), (0, 0)), constant_values=255) for picture in pictures]
         rows.append(np.concatenate(framed, axis=1))
     return np.concatenate(rows, axis=0)
@@ -339,18 +375,70 @@ def table(results: dict[str, dict[str, Agreement]]) -> str:
     return "\n".join(lines)
 
 
+def figures_of(views: Sequence[Comparison]) -> dict[str, Agreement]:
+    """The figures of a room: by kind of material, of all that counts, and by class of surface."""
+    found = {name: agreement(views, kind=kind) for kind, name in enumerate(KINDS)} | {"all": agreement(views)}
+    return found | {name: agreement(views, label) for label, name in enumerate(CLASSES)}
+
+
+def overall(rooms: Sequence[Sequence[Comparison]]) -> dict[str, float]:
+    """Median difference over all rooms, by kind, and of all that counts; only of what was seen."""
+    found = figures_of([view for views in rooms for view in views])
+    return {name: found[name].median for name in (*KINDS, "all") if found[name].pixels}
+
+
+@dataclass(frozen=True, eq=False)
+class Earlier:
+    """An earlier run in a room: its camera poses, and its pictures (N, H, W, 3), developed."""
+
+    poses: tuple[Pose, ...]
+    pictures: NDArray[np.uint8]
+
+
+def save(path: Path, views: Sequence[Comparison], poses: Sequence[Pose], exposure: NDArray[np.float64]) -> None:
+    """Keep the radiance of both pictures of a room's views, and what `load_earlier` reads."""
+    np.savez_compressed(
+        path,
+        shown=np.stack([develop(exposure * view.ours) for view in views]),
+        camera=np.array([[*pose.position, *pose.rotation] for pose in poses]),
+        ours=np.stack([view.ours for view in views]),
+        halves=np.stack([view.halves for view in views]),
+        label=np.stack([view.label for view in views]),
+        kind=np.stack([view.kind for view in views]),
+    )
+
+
+def load_earlier(path: Path) -> Earlier:
+    """What an earlier run has saved of a room.
+
+    Raises:
+        Avs3dError: if it has saved nothing of this room.
+    """
+    if not path.exists():
+        raise Avs3dError(f"{path}: no such file; expected the folder of an earlier run with the same observations")
+    with np.load(path) as kept:
+        poses = tuple(Pose(tuple(row[:3]), tuple(row[3:])) for row in kept["camera"].tolist())
+        return Earlier(poses, kept["shown"])
+
+
 @click.command()
 @click.argument("observations", nargs=-1)
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder for figures and pictures.")
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder of the pictures.")
+@click.option("--name", required=True, help="Of the figures: the version of the pictures.")
+@click.option("--json", "record", type=click.Path(path_type=Path), default=RESULTS, show_default="docs/results")
+@click.option("--before", type=click.Path(exists=True, path_type=Path), help="Folder of an earlier run.")
 @click.option("--views", type=click.IntRange(1, 120), default=2, show_default=True, help="Frames of each observation.")
-@click.option("--size", type=click.IntRange(16), default=160, show_default=True, help="Side of the pictures (pixels).")
-@click.option("--spp", type=click.IntRange(2), default=512, show_default=True, help="Paths per pixel.")
+@click.option("--size", type=click.IntRange(16), default=128, show_default=True, help="Side of the pictures (pixels).")
+@click.option("--spp", type=click.IntRange(2), default=384, show_default=True, help="Paths per pixel.")
 @click.option("--matte", is_flag=True, help="Make all materials matte.")
 @click.option("--variant", help="Variant of Mitsuba; the first of llvm_ad_rgb and scalar_rgb that works if missing.")
 @click.option("--cache", type=click.Path(path_type=Path), help="Folder of baked homes.")
 def main(
     observations: tuple[str, ...],
     output: Path,
+    name: str,
+    record: Path,
+    before: Path | None,
     views: int,
     size: int,
     spp: int,
@@ -358,42 +446,43 @@ def main(
     variant: str | None,
     cache: Path | None,
 ) -> None:
-    """Compare baked light with path tracing in OBSERVATIONS of the open benchmark."""
+    """Compare the default renderer with path tracing in OBSERVATIONS of the open benchmark."""
     from generators.core.folders import default_cache
     from generators.vision.mitsuba_scene import load_mitsuba
 
     try:
         mi = load_mitsuba(*([variant] if variant else []))
         output.mkdir(parents=True, exist_ok=True)
-        results: dict[str, dict[str, Agreement]] = {}
+        rooms: dict[str, list[Comparison]] = {}
         rows = []
         for key in observations or OBSERVATIONS:
             started = time.process_time()
+            file = key.replace("/", "-")
+            earlier = None if before is None else load_earlier(before / f"{file}.npz")
             scene, room, poses = prepared_room(key, cache or default_cache(), matte=matte)
-            chosen = wide_views(scene, poses, views)
+            chosen = wide_views(scene, poses, views) if earlier is None else earlier.poses
             found = compare(mi, scene, room, chosen, size=size, samples=spp // 2)
-            found = [pooled(view) for view in found]
-            results[key] = {name: agreement(found, label) for label, name in enumerate(CLASSES)}
-            results[key]["all"] = agreement(found)
-            name = key.replace("/", "-")
-            picture = sheet(found, scene.gains)
-            rows.append(sheet(found[:1], scene.gains))
-            cv2.imwrite(str(output / f"{name}.png"), np.ascontiguousarray(picture[..., ::-1]))
-            np.savez_compressed(
-                output / f"{name}.npz",
-                ours=np.stack([view.ours for view in found]),
-                halves=np.stack([view.halves for view in found]),
-                label=np.stack([view.label for view in found]),
-            )
+            save(output / f"{file}.npz", found, chosen, scene.gains)
+            rooms[key] = [pooled(view) for view in found]
+            picture = sheet(found, scene.gains, () if earlier is None else tuple(earlier.pictures))
+            rows.append(picture[: len(picture) // len(found)])
+            cv2.imwrite(str(output / f"{file}.png"), np.ascontiguousarray(picture[..., ::-1]))
             click.echo(f"{key}: {time.process_time() - started:.0f} s CPU", err=True)
         write_picture(output / "light-reference.jpg", rows)
     except Avs3dError as error:
         raise click.ClickException(str(error)) from error
-    figures = {key: {name: asdict(found) for name, found in classes.items()} for key, classes in results.items()}
-    (output / "light.json").write_text(
-        json.dumps({"mitsuba": mi.__version__, "variant": mi.variant(), "spp": spp, "rooms": figures}, indent=1) + "\n"
-    )
+    results = {key: figures_of(found) for key, found in rooms.items()}
+    whole = overall(list(rooms.values()))
+    figures = {
+        "mitsuba": mi.__version__, "variant": mi.variant(), "size": size, "spp": spp, "matte": matte, "median": whole,
+        "rooms": {key: {kind: asdict(one) for kind, one in own.items() if one.pixels} for key, own in results.items()},
+    }  # fmt: skip
+    known = read_json(record) if record.exists() else {}
+    write_bytes(record, (json.dumps(known | {name: figures}, indent=1) + "\n").encode())
     click.echo(table(results))
+    for kind, median in whole.items():
+        aim = "" if kind not in AIMS else f" (aim ≤ {AIMS[kind]:.0%}: {'met' if median <= AIMS[kind] else 'MISSED'})"
+        click.echo(f"{kind}: {median:.1%}{aim}")
 
 
 if __name__ == "__main__":

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from avs3d_bench.dataset import Dataset
+from avs3d_bench.errors import Avs3dError
 from benchmarks import bench_acoustics
 from benchmarks.bench_pipeline import timed_engines
 from benchmarks.dataset_report import facts
+from benchmarks.frame_time import compared, measure
 from generators.observation import prepare
 from generators.observation.generate import generate_observation
 from generators.options import GenerateOptions
@@ -55,3 +57,14 @@ def test_the_deviation_of_a_response_is_that_of_its_level() -> None:
 def test_an_unknown_argument_of_the_acoustic_benchmark_is_one_line() -> None:
     with pytest.raises(SystemExit, match="unknown argument 'room'; expected none, cuda or rooms"):
         bench_acoustics.main(["room"])
+
+
+def test_two_checkouts_are_compared_by_the_medians_of_their_rounds() -> None:
+    before = [{"frame": 1.0, "gone": 3.0}, {"frame": 9.0, "gone": 3.0}, {"frame": 2.0, "gone": 3.0}]
+    now = [{"frame": 3.0, "new": 1.0}, {"frame": 2.5, "new": 1.0}, {"frame": 50.0, "new": 1.0}]
+    assert compared(before, now) == {"frame": {"before": 2.0, "now": 3.0, "ratio": 1.5}}
+
+
+def test_a_checkout_that_is_none_of_this_project_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(Avs3dError, match=r"No module named 'benchmarks'.*expected a checkout of this project"):
+        measure(tmp_path, repeats=1)

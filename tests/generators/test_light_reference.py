@@ -4,23 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
 from benchmarks.light_reference import (
     CLASSES,
+    KINDS,
     Comparison,
     agreement,
     compare,
+    face_kinds,
     face_labels,
+    figures_of,
+    load_earlier,
+    overall,
     pooled,
+    save,
+    sheet,
     with_matte_materials,
 )
 from generators.assets.shapes import MeshBuilder
 from generators.core.scene import LightMap, Material, Part, Scene
-from generators.core.tone import WHITE
+from generators.core.tone import WHITE, develop
 from generators.lighting.bake import bake
 from generators.vision.embree import EmbreeBackend
 from tests.generators.test_light import LAMP, box_room, ceiling_lamp, matte, parallel_form_factor, scene_of, window_room
@@ -35,6 +44,7 @@ def flat_view(ours: np.ndarray, reference: np.ndarray, label: np.ndarray | None 
         ours.astype(np.float32),
         np.stack([reference, reference]).astype(np.float32),
         np.zeros(shape, np.int8) if label is None else label,
+        np.zeros(shape, np.int8),
         np.broadcast_to(UP, (*shape, 4)),
     )
 
@@ -68,6 +78,50 @@ def test_agreement_of_pictures_whose_difference_is_known() -> None:
     assert found.ratio == pytest.approx(1.05, rel=1e-4)
     assert found.noise == 0.0
     assert agreement([view], CLASSES.index("floor")).pixels == 0
+
+
+def test_kinds_of_material_have_figures_of_their_own() -> None:
+    reference = np.full((10, 10, 3), 0.5)
+    ours = reference.copy()
+    ours[:, 6:] *= 1.2
+    kind = np.zeros((10, 10), np.int8)
+    kind[:, 6:] = KINDS.index("metal")
+    label = np.zeros((10, 10), np.int8)
+    label[:, 9] = -1
+    view = replace(flat_view(ours, reference, label), kind=kind)
+    found = figures_of([view])
+    assert found["diffuse"].pixels == 60
+    assert found["metal"].pixels == 30
+    assert found["metal"].median == pytest.approx(0.2, rel=1e-4)
+    assert overall([[view], [view]]) == pytest.approx({"diffuse": 0.0, "metal": 0.2, "all": 0.0}, abs=1e-4)
+    # Neither kind gets light of the other.
+    assert (pooled(view).ours == view.ours).all()
+
+
+def test_materials_are_sorted_by_how_they_reflect() -> None:
+    materials = {
+        "diffuse": [matte(0.5), matte(0.5, roughness=0.7)],
+        "glossy": [matte(0.5, roughness=0.4), matte(0.5, clearcoat=1.0)],
+        "metal": [matte(0.5, roughness=0.4, metallic=1.0), matte(0.5, roughness=0.9, metallic=1.0)],
+        "glass": [matte(0.5, roughness=0.1, transmission=0.9)],
+    }
+    for name, own in materials.items():
+        for material in own:
+            mesh = MeshBuilder().quad([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], material).build()
+            assert {KINDS[kind] for kind in face_kinds(Scene("t", (Part("p", mesh),), (), ()))} == {name}
+
+
+def test_a_sheet_shows_an_earlier_run_from_the_same_poses_in_front(tmp_path: Path) -> None:
+    grey = np.full((8, 8, 3), 0.18)
+    poses = [Pose.from_yaw((1, 2, 3), 0.5, 0.1)]
+    save(tmp_path / "room.npz", [flat_view(2 * grey, grey)], poses, np.ones(3))
+    earlier = load_earlier(tmp_path / "room.npz")
+    assert np.allclose(earlier.poses[0].matrix, poses[0].matrix)
+    picture = sheet([flat_view(grey, grey)], 1.0, earlier.pictures)
+    columns = [picture[6, 6 + 12 * n, 0] for n in range(4)]
+    assert columns == [int(develop(0.36)), 118, 118, 255]  # before, now, reference, no difference
+    with pytest.raises(Avs3dError, match="expected the folder of an earlier run"):
+        load_earlier(tmp_path / "kitchen.npz")
 
 
 def test_noise_is_the_standard_error_of_the_mean_of_both_halves() -> None:
