@@ -105,7 +105,7 @@ def observe(plan: ObservationPlan, size: int, *, biased: bool = False) -> Seen |
         size: of the pictures, pixels.
         biased: plan the walk only for the sounding object, as a positive control of this experiment.
     """
-    home, camera = home_of(plan), plan.camera
+    home, camera = home_of(plan, plain=True), plan.camera
     try:
         site = site_of(home, plan.spec.room)
         seen = arrange(plan, home, site=site)

@@ -94,7 +94,7 @@ def _apartment(plan: ObservationPlan) -> Scene:
 
 @lru_cache(maxsize=1)
 def _built(name: str, seed: int) -> Scene:
-    return build_apartment(name, seed, plain=True)
+    return build_apartment(name, seed)
 
 
 def compare(root: Path, siblings: Sequence[Sibling]) -> Iterator[Pair]:

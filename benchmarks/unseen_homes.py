@@ -132,24 +132,24 @@ def plans_of(document: dict[str, Any]) -> list[ObservationPlan]:
 
 
 @lru_cache(maxsize=1)
-def unlit_home(name: str, seed: int) -> Scene:
-    """A home without its materials and light, which placement and walk do not need."""
-    return build_apartment(name, seed, plain=True)
+def unlit_home(name: str, seed: int, plain: bool) -> Scene:
+    """A home without its light, which placement and walk do not need; nor do they need its materials."""
+    return build_apartment(name, seed, plain=plain)
 
 
-def home_of(plan: ObservationPlan) -> Scene:
-    """The plan's home without its light; a scan as it is."""
+def home_of(plan: ObservationPlan, *, plain: bool = False) -> Scene:
+    """The plan's home without its light and, if ``plain``, without its materials; a scan as it is."""
     if plan.scan.source == "scan":
         return open_home(plan, default_cache())
     assert plan.scan.seed is not None
-    return unlit_home(plan.spec.scan, plan.scan.seed)
+    return unlit_home(plan.spec.scan, plan.scan.seed, plain)
 
 
 def is_plannable(document: dict[str, Any], entry: dict[str, Any]) -> bool:
     """Whether the room is large enough for an observation's objects and its walk."""
     (plan,) = plans_of(document | {"observations": [entry]})
     try:
-        arrange(plan, home_of(plan))
+        arrange(plan, home_of(plan, plain=True))
     except Avs3dError:
         return False
     return True
