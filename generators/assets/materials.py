@@ -12,7 +12,7 @@ import threading
 import zlib
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -22,6 +22,7 @@ from avs3d_bench.errors import UsageError
 from generators.assets import finishes
 from generators.assets.styles import STYLES, Style
 from generators.assets.textures import cloth, pictures, surfaces, wood
+from generators.assets.textures.maps import Surface, roughness_map, surfaced
 from generators.assets.textures.noise import Image, hex_colour, shift_colour, to_linear
 from generators.core.scene import Material, Texture
 
@@ -33,13 +34,13 @@ RUGS, PICTURES, PRINTS, TOWELS, CUSHIONS = 3, 6, 3, 3, 4
 
 #: Metres per repeat of each material's texture; 1 for materials that are not listed (fitted or plain).
 TILES: dict[str, float] = {
-    **{f"floor_{room}": 2.4 for room in ROOM_KINDS},
-    **{f"wall_{room}": 2.12 for room in ROOM_KINDS},
-    **{f"accent_{room}": 2.12 for room in ROOM_KINDS},
-    **{f"tiles_{room}": 1.2 for room in ("bathroom", "kitchen")},
+    **{f"floor_{room}": finishes.FLOOR for room in ROOM_KINDS},
+    **{f"wall_{room}": finishes.WALL for room in ROOM_KINDS},
+    **{f"accent_{room}": finishes.WALL for room in ROOM_KINDS},
+    **{f"tiles_{room}": finishes.WALL_TILES for room in ("bathroom", "kitchen")},
     **dict.fromkeys(("ceiling", "skirting", "door", "door_frame", "window_frame", "window_sill", "white"), 1.0),
     **dict.fromkeys(("wood", "wood_alt", "front", "front_upper", "bath_front"), 0.8),
-    **dict.fromkeys(("worktop", "butcher"), 0.9),
+    **dict.fromkeys(("worktop", "butcher"), finishes.WORKTOP),
     **dict.fromkeys(("sofa", "armchair", "curtain", "sheer", "throw", "bedding", "sheet", "chair_fabric"), 0.5),
     **{f"{kind}_{k}": 0.4 for kind, n in (("towel", TOWELS), ("cushion", CUSHIONS)) for k in range(n)},
     **{f"print_{k}": 0.45 for k in range(PRINTS)},
@@ -48,6 +49,8 @@ TILES: dict[str, float] = {
     "soil": 0.2,
 }
 
+#: Width of a rug (m), over which its texture is fitted; rugs of other sizes have a coarser or finer pile.
+_RUG_WIDTH = 2.4
 #: Bare metal reflects at least this share of red, green or blue.
 _DARKEST_METAL = 0.2
 
@@ -148,8 +151,8 @@ class Palette:
         for role in (*_LONGEST, *(role for role in ROLES if role not in _LONGEST)):
             pool.submit(self.material, role)
 
-    def shared(self, purpose: str, make: Callable[[np.random.Generator], Image]) -> Image:
-        """Pixels that several roles share, made once."""
+    def shared(self, purpose: str, make: Callable[[np.random.Generator], T]) -> T:
+        """Textures that several roles share, made once."""
         return self._shared.get(purpose, lambda: make(self.stream(purpose)))
 
     def finish(self, room: str) -> RoomFinish:
@@ -180,8 +183,25 @@ class Palette:
 Recipe = Callable[[Palette, Style, str, np.random.Generator], Material]
 
 
-def _textured(role: str, acoustic: str, pixels: Image, roughness: float = 1, **more: object) -> Material:
-    return Material(role, acoustic, texture=Texture(role, pixels), roughness=roughness, **more)  # type: ignore[arg-type]
+def _textured(role: str, acoustic: str, surface: Surface | Image, roughness: float = 1, **more: Any) -> Material:
+    return surfaced(role, acoustic, surface, roughness, TILES.get(role, 1.0), **more)
+
+
+def _touched(recipe: Recipe) -> Recipe:
+    """A polished material on which hands and cloths have left traces."""
+
+    def make(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
+        clean = recipe(palette, style, role, rng)
+        matte = palette.shared("smudges", surfaces.smudges)
+
+        def traces(_: np.random.Generator) -> tuple[float, Texture]:
+            factor, pixels = roughness_map(matte, clean.roughness)
+            return factor, Texture("smudges", pixels)
+
+        factor, texture = palette.shared(f"smudges {clean.roughness}", traces)
+        return replace(clean, roughness=factor, roughness_map=texture)
+
+    return make
 
 
 def _board(role: str, spec: str, rng: np.random.Generator, roughness: float = 0.72) -> Material:
@@ -218,13 +238,11 @@ def _metal(field: str) -> Recipe:
     return make
 
 
-def _bare_metal(colour: str, roughness: float, make: Callable[..., Image] | None = None) -> Recipe:
+def _bare_metal(colour: str, roughness: float, make: Callable[..., Surface] | None = None) -> Recipe:
     def recipe(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
-        texture = None if make is None else Texture(role, make(rng, hex_colour(colour)))
-        plain = _linear(colour)
-        return Material(
-            role, "metal", (1.0, 1.0, 1.0) if texture else plain, texture, roughness=roughness, metallic=1.0
-        )
+        if make is None:
+            return Material(role, "metal", _linear(colour), roughness=roughness, metallic=1.0)
+        return _textured(role, "metal", make(rng, hex_colour(colour)), roughness, metallic=1.0)
 
     return recipe
 
@@ -264,7 +282,7 @@ def _print(index: int) -> Recipe:
     return make
 
 
-def _textile(field: str, make: Callable[..., Image], label: str, index: int = 0) -> Recipe:
+def _textile(field: str, make: Callable[..., Surface], label: str, index: int = 0) -> Recipe:
     def recipe(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
         options = getattr(style, field)
         order = palette.stream(field).permutation(len(options))
@@ -277,7 +295,7 @@ def _rug(index: int) -> Recipe:
     def make(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
         pattern, codes = style.rugs[index % len(style.rugs)]
         colours = tuple(hex_colour(c if len(c) == 7 else "#dcd6ca") for c in codes)
-        return _textured(role, "carpet", cloth.rug(rng, colours, pattern=pattern))
+        return surfaced(role, "carpet", cloth.rug(rng, colours, pattern=pattern), 1, _RUG_WIDTH)
 
     return make
 
@@ -298,11 +316,11 @@ def _paint(field: str) -> Recipe:
     return make
 
 
-def _drawn(acoustic: str, make: Callable[[np.random.Generator], Image], roughness: float = 1) -> Recipe:
+def _drawn(acoustic: str, make: Callable[[np.random.Generator], Surface | Image], roughness: float = 1) -> Recipe:
     return lambda palette, style, role, rng: _textured(role, acoustic, make(rng), roughness)
 
 
-def _tinted(acoustic: str, make: Callable[..., Image], colour: str, roughness: float = 1) -> Recipe:
+def _tinted(acoustic: str, make: Callable[..., Surface | Image], colour: str, roughness: float = 1) -> Recipe:
     return lambda palette, style, role, rng: _textured(role, acoustic, make(rng, hex_colour(colour)), roughness)
 
 
@@ -323,9 +341,12 @@ def _floor(palette: Palette, style: Style, role: str, rng: np.random.Generator) 
             kind, colours = style.wet_floors[int(order[0 if room == "bathroom" else 1])]
             return finishes.wet_floor(role, kind, tuple(hex_colour(c) for c in colours), rng)
     kind, spec = style.floors[int(palette.stream("floors").integers(len(style.floors)))]
-    pixels = palette.shared("dry floor", lambda stream: finishes.dry_floor(kind, spec, stream))
     label, roughness = finishes.DRY_FLOORS[kind]
-    return _textured(role, label, pixels, roughness)
+
+    def lay(stream: np.random.Generator) -> Material:
+        return surfaced(role, label, finishes.dry_floor(kind, spec, stream), roughness, finishes.FLOOR)
+
+    return replace(palette.shared("dry floor", lay), name=role)
 
 
 def _wall(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
@@ -382,9 +403,9 @@ _RECIPES: dict[str, Recipe] = {
     "ceramic": _plain("ceramic", "#e9e8e4", 0.3),
     "ceramic_accent": _paint("accent_paint"),
     "glass": _plain("glass", "#b9c8ca", 0.16),
-    "black_glass": _plain("glass", "#353638", 0.09),
-    "screen": _drawn("glass", pictures.tv_screen, 0.16),
-    "hob": _drawn("glass", pictures.hob, 0.16),
+    "black_glass": _touched(_plain("glass", "#353638", 0.09)),
+    "screen": _touched(_drawn("glass", pictures.tv_screen, 0.16)),
+    "hob": _touched(_drawn("glass", pictures.hob, 0.16)),
     "oven_panel": lambda palette, style, role, rng: _textured(
         role, "metal", pictures.oven_panel(rng, hex_colour("#b6b9bb")), 0.36
     ),

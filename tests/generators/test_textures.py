@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from generators.assets.textures import ceramic, cloth, noise, pictures, surfaces, wood
+from generators.assets.textures.maps import Surface, normal_map, roughness_map, surfaced
 from generators.assets.textures.noise import Image, hex_colour, to_linear, to_srgb
 
 H = hex_colour
-Maker = Callable[[np.random.Generator], Image]
+Maker = Callable[[np.random.Generator], Image | Surface]
 SMALL = 256
 
 REPEATING: dict[str, Maker] = {
@@ -76,6 +77,10 @@ FITTED: dict[str, Maker] = {
 EVERY = {**REPEATING, **FITTED}
 
 
+def _image(made: Image | Surface) -> Image:
+    return made.pixels if isinstance(made, Surface) else made
+
+
 def _steps(image: Image, axis: int) -> np.ndarray:
     """Mean absolute difference of each line of pixels to the next one, the last being the step across the seam."""
     lines = np.moveaxis(image.astype(float), axis, 0)
@@ -84,21 +89,87 @@ def _steps(image: Image, axis: int) -> np.ndarray:
 
 @pytest.mark.parametrize("name", REPEATING)
 def test_the_step_across_the_seam_is_an_ordinary_step(name: str) -> None:
-    image = REPEATING[name](np.random.default_rng(5))
+    image = _image(REPEATING[name](np.random.default_rng(5)))
     for axis in (0, 1):
         steps = _steps(image, axis)
         assert steps[-1] <= 1.15 * steps[:-1].max() + 0.3, f"{name}: seam along axis {axis}"
 
 
 def test_the_seam_test_notices_a_seam() -> None:
-    image = REPEATING["concrete"](np.random.default_rng(5))[:200]
+    image = _image(REPEATING["concrete"](np.random.default_rng(5)))[:200]
     steps = _steps(image, 0)
     assert steps[-1] > 1.15 * steps[:-1].max() + 0.3
 
 
+@pytest.mark.parametrize("name", REPEATING)
+def test_the_relief_repeats_like_the_picture(name: str) -> None:
+    surface = REPEATING[name](np.random.default_rng(5))
+    assert isinstance(surface, Surface)
+    for field in (surface.height, surface.matte):
+        for axis in (0, 1) if field is not None else ():
+            steps = _steps(np.repeat(np.asarray(field)[..., None], 3, axis=2) * 1e5, axis)
+            assert steps[-1] <= 1.15 * steps[:-1].max() + 0.3, f"{name}: seam along axis {axis}"
+
+
+@pytest.mark.parametrize("name", REPEATING)
+def test_reliefs_are_as_steep_as_real_ones(name: str) -> None:
+    surface = REPEATING[name](np.random.default_rng(5))
+    assert isinstance(surface, Surface)
+    if surface.height is None:
+        assert name == "granite"
+        return
+    normal = normal_map(surface.height, 0.5, surface.tilt).astype(float) / 127.5 - 1
+    slope = np.hypot(normal[..., 0], normal[..., 1]) / normal[..., 2]
+    assert 0.002 < np.median(slope) < 0.7, name
+    assert np.abs(normal[..., :2].mean(axis=(0, 1))).max() < 0.03, f"{name}: leans to one side"
+
+
+@pytest.mark.parametrize("slopes", [(0.5, 0.0), (0.0, 0.25), (-0.3, 0.4)])
+def test_a_ramp_has_the_normal_of_its_slope(slopes: tuple[float, float]) -> None:
+    """In a saw-tooth, dh/du = a (to the right) and dh/dv = b (upwards): n ∝ (−a, −b, 1) but where it falls back."""
+    metres, side = 0.4, 64
+    along = (np.arange(side) + 0.5) / side * metres
+    a, b = slopes
+    normal = normal_map(a * along[None, :] + b * along[::-1, None], metres)
+    expected = np.array([-a, -b, 1.0]) / np.sqrt(a * a + b * b + 1)
+    inner = normal[1:-1, 1:-1].astype(float) / 127.5 - 1
+    assert np.abs(inner - expected).max() <= 0.5 / 127.5 + 1e-6
+
+
+def test_tilts_add_to_slopes_and_large_maps_are_averages() -> None:
+    flat, tilt = np.zeros((1024, 1024)), np.zeros((1024, 1024, 2))
+    tilt[:, :512], tilt[:, 512:] = (0.1, 0.0), (0.0, -0.2)
+    normal = normal_map(flat, 1.0, tilt).astype(float) / 127.5 - 1
+    assert normal.shape == (512, 512, 3)
+    np.testing.assert_allclose(normal[5, 5, :2] / normal[5, 5, 2], (-0.1, 0.0), atol=0.005)
+    np.testing.assert_allclose(normal[5, -5, :2] / normal[5, -5, 2], (0.0, 0.2), atol=0.005)
+
+
+def test_roughness_map_times_factor_is_the_roughness() -> None:
+    matte = np.linspace(0, 0.8, 64)[None, :].repeat(8, axis=0)
+    factor, pixels = roughness_map(matte, 0.4)
+    np.testing.assert_allclose(factor * pixels[..., 1] / 255, 0.4 + 0.6 * matte, atol=0.5 * factor / 255 + 1e-6)
+    assert factor == pytest.approx(0.88)
+    assert (pixels[..., 2] == 255).all()
+
+
+def test_grout_is_rougher_and_deeper_than_glaze() -> None:
+    surface = ceramic.tiles(np.random.default_rng(1), H("#e4e3de"), H("#b0aea8"), size=512)
+    material = surfaced("tiles", "tile", surface, 0.4, 1.2)
+    assert material.roughness_map is not None
+    assert material.normal_map is not None
+    rough = material.roughness * material.roughness_map.pixels[..., 1] / 255
+    assert np.median(rough) == pytest.approx(0.4, abs=0.03)
+    assert rough.max() > 0.8
+    assert surface.height is not None
+    assert surface.matte is not None
+    joints = surface.matte > 0.8
+    assert surface.height[~joints].mean() - surface.height[joints].mean() > 0.001
+
+
 @pytest.mark.parametrize("name", EVERY)
 def test_albedo_is_that_of_real_surfaces(name: str) -> None:
-    image = EVERY[name](np.random.default_rng(2))
+    image = _image(EVERY[name](np.random.default_rng(2)))
     assert image.dtype == np.uint8
     assert image.ndim == 3
     assert image.shape[2] == 3
@@ -108,13 +179,13 @@ def test_albedo_is_that_of_real_surfaces(name: str) -> None:
 @pytest.mark.parametrize("name", EVERY)
 def test_same_seed_same_bytes_and_another_seed_another_image(name: str) -> None:
     make = EVERY[name]
-    first, again, other = (make(np.random.default_rng(s)) for s in (1, 1, 2))
+    first, again, other = (_image(make(np.random.default_rng(s))) for s in (1, 1, 2))
     assert first.tobytes() == again.tobytes()
     assert first.tobytes() != other.tobytes()
 
 
 def test_floor_boards_differ_from_one_another() -> None:
-    image = wood.strips(np.random.default_rng(3), "oak", size=512, metres=2.4, width=0.15)
+    image = wood.strips(np.random.default_rng(3), "oak", size=512, metres=2.4, width=0.15).pixels
     rows = to_linear(image / 255).mean(axis=2).reshape(16, 32, 512)[:, 4:28].mean(axis=(1, 2))
     assert rows.std() / rows.mean() > 0.02
     correlations = np.corrcoef(image.mean(axis=2).reshape(16, -1)) - np.eye(16)

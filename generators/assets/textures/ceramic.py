@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from generators.assets.textures.maps import Surface
 from generators.assets.textures.noise import (
     Field,
-    Image,
     blur,
     cells_of,
     mix,
@@ -19,6 +19,12 @@ from generators.assets.textures.noise import (
     spectral,
     to_image,
 )
+
+#: Depth of the joints (m), waviness of a glaze (m, standard deviation), and spread of the slopes of tiles: hand-laid
+#: tiles stand out by half a millimetre at most.
+_JOINT, _GLAZE, _LEVEL = 1.5e-3, 8e-5, 0.006
+#: Share by which grout is rougher (`Surface.matte`), and by which a glaze that is wiped is in places.
+_GROUT, _SMUDGE = 0.85, 0.06
 
 
 def marble_sheet(rng: np.random.Generator, shape: tuple[int, int], base: Field, vein: Field) -> Field:
@@ -43,7 +49,7 @@ def _lay(
     joint: float,
     bevel: float,
     tone: float,
-) -> Image:
+) -> Surface:
     """Give tiles with colour ``face`` (H, W, 3) their own tone, a rounded rim and grout ``joint`` pixels wide."""
     count = int(ids.max()) + 1
     tones = 1 + rng.standard_normal((count, 1)) * tone + rng.standard_normal((count, 3)) * tone * 0.3
@@ -51,10 +57,16 @@ def _lay(
     shape = ids.shape
     wave = spectral(rng, shape, 1.2, finest=8, coarsest=200)
     tile = face * tones[ids] * (1 - relief(height, 0.10) + 0.006 * wave)[..., None]
-    sand = 1 + 0.04 * spectral(rng, shape, 0.4, finest=2) + 0.05 * spectral(rng, shape, 1.5, finest=16)
+    stain = spectral(rng, shape, 1.5, finest=16)
+    grit = spectral(rng, shape, 0.4, finest=2)
+    sand = 1 + 0.04 * grit + 0.05 * stain
     filled = smoothstep(joint / 2 - 0.6, joint / 2 + 0.6, edge)
     shadow = 1 - 0.10 * np.exp(-((edge / max(joint, 1.0)) ** 2))
-    return to_image(mix(grout * (sand * shadow)[..., None], tile, filled))
+    pixels = to_image(mix(grout * (sand * shadow)[..., None], tile, filled))
+    depth = _JOINT * height + filled * _GLAZE * wave + (1 - filled) * 1e-4 * grit
+    tilt = (rng.standard_normal((count, 2)) * _LEVEL)[ids] * filled[..., None]
+    matte = _GROUT * (1 - filled) + _SMUDGE * filled * smoothstep(0.0, 2.5, stain)
+    return Surface(pixels, depth, tilt, matte)
 
 
 def _grid(size: int, columns: int, rows: int, stagger: float) -> tuple[NDArray[np.int64], Field, Field, Field]:
@@ -101,7 +113,7 @@ def tiles(
     size: int = 1024,
     vein: Field | None = None,
     palette: tuple[Field, ...] = (),
-) -> Image:
+) -> Surface:
     """Glazed or stone tiles in a grid.
 
     Args:
@@ -141,7 +153,7 @@ def hexagons(
     columns: int = 12,
     joint: float = 3.0,
     tone: float = 0.03,
-) -> Image:
+) -> Surface:
     """Hexagonal tiles; rows are squeezed by a per cent or two so that the pattern closes on a square."""
     rows = 2 * round(columns / np.sqrt(3))
     step = size / columns
@@ -155,7 +167,7 @@ def hexagons(
 
 def cement(
     rng: np.random.Generator, colours: tuple[Field, Field, Field], *, size: int = 1024, columns: int = 8
-) -> Image:
+) -> Surface:
     """Encaustic cement tiles: one motif with the symmetry of the square, from a few drawn shapes, slightly worn."""
     ids, lx, ly, edge = _grid(size, columns, columns, 0.0)
     cell = size / columns
@@ -185,7 +197,7 @@ def cement(
     return _lay(rng, face, ids, edge, grout=colours[0] * 0.8, joint=1.6, bevel=1.5, tone=0.025)
 
 
-def terracotta(rng: np.random.Generator, colour: Field, grout: Field, *, size: int = 1024, columns: int = 8) -> Image:
+def terracotta(rng: np.random.Generator, colour: Field, grout: Field, *, size: int = 1024, columns: int = 8) -> Surface:
     """Hand-made floor tiles: strong differences of tone, cloudy faces, wide uneven joints."""
     ids, lx, ly, edge = _grid(size, columns, columns, 0.0)
     shift = rng.random((columns * columns, 2)) * size

@@ -1,12 +1,15 @@
-"""Textiles: weaves, knit, bouclé, velvet, terry, carpet pile, patterned cushions and whole rugs."""
+"""Textiles: weaves, knit, bouclé, velvet, terry, carpet pile, patterned cushions and whole rugs.
+
+Heights are in metres, and are meant for half a metre per repeat.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
+from generators.assets.textures.maps import Surface
 from generators.assets.textures.noise import (
     Field,
-    Image,
     blur,
     cells,
     grid,
@@ -20,7 +23,7 @@ from generators.assets.textures.noise import (
 
 def weave(
     rng: np.random.Generator, colour: Field, *, second: Field | None = None, size: int = 512, slub: float = 1.0
-) -> Image:
+) -> Surface:
     """Plain weave: warp and weft with their own slubs; ``second`` is the weft's colour (melange)."""
     shape = (size, size)
     y, x = np.meshgrid(np.arange(size), np.arange(size), indexing="ij")
@@ -32,27 +35,28 @@ def weave(
     shade = 1 + slub * (0.03 * warp + 0.03 * weft) + 0.03 * crimp + 0.012 * cloud
     other = colour if second is None else second
     lean = np.clip(0.5 + 0.22 * crimp + 0.12 * (warp - weft), 0, 1)
-    return to_image(mix(colour, other, lean) * shade[..., None])
+    return Surface(to_image(mix(colour, other, lean) * shade[..., None]), 2e-4 * crimp + slub * 6e-5 * (warp + weft))
 
 
-def boucle(rng: np.random.Generator, colour: Field, *, size: int = 512) -> Image:
+def boucle(rng: np.random.Generator, colour: Field, *, size: int = 512) -> Surface:
     """Looped yarn: small round curls, light on top and dark between."""
     shape = (size, size)
     _, edge = cells(rng, shape, 4200)
     bump = blur(smoothstep(0.0, 3.0, edge), 0.8)
     swirl = spectral(rng, shape, 0.6, finest=3, coarsest=30)
-    return to_image(colour * (0.86 + 0.16 * bump + 0.025 * swirl - relief(bump, 0.06))[..., None])
+    shade = 0.86 + 0.16 * bump + 0.025 * swirl - relief(bump, 0.06)
+    return Surface(to_image(colour * shade[..., None]), 1.5e-3 * bump + 2e-4 * swirl)
 
 
-def velvet(rng: np.random.Generator, colour: Field, *, size: int = 512) -> Image:
+def velvet(rng: np.random.Generator, colour: Field, *, size: int = 512) -> Surface:
     """Short pile: brushed light and dark clouds."""
     shape = (size, size)
     brushed = spectral(rng, shape, 1.7, finest=14, stretch=(1.6, 1.0))
     nap = spectral(rng, shape, 0.4, finest=2)
-    return to_image(colour * (1 + 0.055 * brushed + 0.02 * nap)[..., None])
+    return Surface(to_image(colour * (1 + 0.055 * brushed + 0.02 * nap)[..., None]), 5e-4 * brushed + 8e-5 * nap)
 
 
-def knit(rng: np.random.Generator, colour: Field, *, size: int = 512, stitches: int = 40) -> Image:
+def knit(rng: np.random.Generator, colour: Field, *, size: int = 512, stitches: int = 40) -> Surface:
     """Stocking stitch: columns of V-shaped loops."""
     x, y = grid(size, size)
     u = (x * stitches) % 1.0 - 0.5
@@ -61,34 +65,35 @@ def knit(rng: np.random.Generator, colour: Field, *, size: int = 512, stitches: 
     valley = np.exp(-((u / 0.09) ** 2)) + np.exp(-(((np.abs(u) - 0.5) / 0.07) ** 2))
     height = np.sqrt(np.clip(1 - strand**2, 0, 1)) * (1 - 0.5 * np.clip(valley, 0, 1))
     fluff = spectral(rng, (size, size), 0.5, finest=2)
-    return to_image(colour * (0.72 + 0.34 * height + 0.025 * fluff)[..., None])
+    return Surface(to_image(colour * (0.72 + 0.34 * height + 0.025 * fluff)[..., None]), 2e-3 * height + 8e-5 * fluff)
 
 
-def terry(rng: np.random.Generator, colour: Field, *, size: int = 512) -> Image:
+def terry(rng: np.random.Generator, colour: Field, *, size: int = 512) -> Surface:
     """Towelling: loops in loose rows."""
     shape = (size, size)
     loops = spectral(rng, shape, 0.2, finest=3.5, coarsest=14)
     cloud = spectral(rng, shape, 1.4, finest=10)
-    return to_image(colour * (1 + relief(loops, 0.035) + 0.02 * loops + 0.02 * cloud)[..., None])
+    return Surface(to_image(colour * (1 + relief(loops, 0.035) + 0.02 * loops + 0.02 * cloud)[..., None]), 5e-4 * loops)
 
 
-def carpet(rng: np.random.Generator, colour: Field, *, size: int = 512) -> Image:
+def carpet(rng: np.random.Generator, colour: Field, *, size: int = 512) -> Surface:
     """Cut pile in several shades of one yarn."""
     shape = (size, size)
     tufts = spectral(rng, shape, 0.2, finest=3, coarsest=20)
     tread = spectral(rng, shape, 1.6, finest=20)
-    return to_image(colour * (1 + 0.06 * tufts + relief(tufts, 0.03) + 0.03 * tread)[..., None])
+    shade = 1 + 0.06 * tufts + relief(tufts, 0.03) + 0.03 * tread
+    return Surface(to_image(colour * shade[..., None]), 6e-4 * tufts)
 
 
-def curtain(rng: np.random.Generator, colour: Field, *, size: int = 512) -> Image:
+def curtain(rng: np.random.Generator, colour: Field, *, size: int = 512) -> Surface:
     """Linen voile: long vertical and horizontal slubs."""
     shape = (size, size)
     warp = spectral(rng, shape, 0.4, stretch=(30.0, 1.0), finest=2)
     weft = spectral(rng, shape, 0.4, stretch=(1.0, 30.0), finest=2)
-    return to_image(colour * (1 + 0.03 * warp + 0.022 * weft)[..., None])
+    return Surface(to_image(colour * (1 + 0.03 * warp + 0.022 * weft)[..., None]), 6e-5 * (warp + weft))
 
 
-def printed(rng: np.random.Generator, base: Field, ink: Field, *, motif: str = "stripes", size: int = 512) -> Image:
+def printed(rng: np.random.Generator, base: Field, ink: Field, *, motif: str = "stripes", size: int = 512) -> Surface:
     """A cushion or bed cover; ``motif``: ``stripes``, ``checks``, ``zigzag`` or ``dots``."""
     x, y = grid(size, size)
     if motif == "stripes":
@@ -112,16 +117,19 @@ def printed(rng: np.random.Generator, base: Field, ink: Field, *, motif: str = "
     shape = (size, size)
     threads = 1 + 0.02 * spectral(rng, shape, 0.5, stretch=(30.0, 1.0), finest=2)
     threads += 0.02 * spectral(rng, shape, 0.5, stretch=(1.0, 30.0), finest=2)
-    return to_image(mix(base, ink, np.clip(blur(amount, 0.7), 0, 1)) * threads[..., None])
+    pixels = to_image(mix(base, ink, np.clip(blur(amount, 0.7), 0, 1)) * threads[..., None])
+    return Surface(pixels, 3e-3 * (threads - 1))
 
 
-def _pile(rng: np.random.Generator, colour: Field) -> Image:
+def _pile(rng: np.random.Generator, colour: Field) -> Surface:
     shape = (colour.shape[0], colour.shape[1])
     tufts = spectral(rng, shape, 0.2, finest=2.5, coarsest=16)
     # Abrash: the dye lots of hand-knotted rugs change from row to row.
     abrash = spectral(rng, shape, 1.2, stretch=(1.0, 12.0), finest=8)
     tread = spectral(rng, shape, 1.6, finest=30)
-    return to_image(colour * (1 + 0.045 * tufts + relief(tufts, 0.02) + 0.03 * abrash + 0.03 * tread)[..., None])
+    shade = 1 + 0.045 * tufts + relief(tufts, 0.02) + 0.03 * abrash + 0.03 * tread
+    # A rug is some two metres high: a tuft has a few millimetres.
+    return Surface(to_image(colour * shade[..., None]), 1e-3 * tufts)
 
 
 def _border(x: Field, y: Field, aspect: float) -> Field:
@@ -129,7 +137,7 @@ def _border(x: Field, y: Field, aspect: float) -> Field:
     return np.minimum(np.minimum(x, 1 - x) * aspect, np.minimum(y, 1 - y))
 
 
-def rug(rng: np.random.Generator, colours: tuple[Field, ...], *, pattern: str, size: int = 512) -> Image:
+def rug(rng: np.random.Generator, colours: tuple[Field, ...], *, pattern: str, size: int = 512) -> Surface:
     """A whole rug, 3 : 2 (H = ``size``, W = 1.5 · size), not repeating.
 
     ``pattern``: ``berber`` (diamonds), ``bands``, ``oriental`` (border and medallion), ``arcs`` (mid-century),

@@ -1,12 +1,15 @@
-"""Walls and solid surfaces: paint, wallpaper, brick, concrete, stone, terrazzo, metal, leather, soil, wicker."""
+"""Walls and solid surfaces: paint, wallpaper, brick, concrete, stone, terrazzo, metal, leather, soil, wicker.
+
+Heights are in metres, and are meant for the sizes of `generators.assets.materials.TILES`.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
+from generators.assets.textures.maps import Surface
 from generators.assets.textures.noise import (
     Field,
-    Image,
     blur,
     cells,
     grid,
@@ -18,17 +21,18 @@ from generators.assets.textures.noise import (
 )
 
 
-def wall_paint(rng: np.random.Generator, colour: Field, *, size: int = 512, rough: float = 1.0) -> Image:
+def wall_paint(rng: np.random.Generator, colour: Field, *, size: int = 512, rough: float = 1.0) -> Surface:
     """Emulsion on plaster: the stipple of a roller under very faint clouds; ``rough`` 3 is lime plaster."""
     shape = (size, size)
     cloud = spectral(rng, shape, 1.7, finest=30)
     stipple = spectral(rng, shape, 0.7, finest=3, coarsest=30)
     trowel = spectral(rng, shape, 1.5, stretch=(1.0, 2.5), finest=6)
     shade = 1 + (0.004 + 0.002 * rough) * cloud + relief(stipple, 0.004 * rough) + 0.005 * (rough - 1) * trowel
-    return to_image(colour * shade[..., None])
+    height = rough * 2.5e-4 * stipple + (rough - 1) * 3e-4 * trowel
+    return Surface(to_image(colour * shade[..., None]), height)
 
 
-def wallpaper(rng: np.random.Generator, base: Field, ink: Field, *, motif: str = "stripes", size: int = 512) -> Image:
+def wallpaper(rng: np.random.Generator, base: Field, ink: Field, *, motif: str = "stripes", size: int = 512) -> Surface:
     """Wallpaper of 1.06 m (two widths); ``motif``: ``stripes``, ``trellis``, ``damask`` or ``sprigs``."""
     x, y = grid(size, size)
     soft = 1.5 / size
@@ -65,10 +69,12 @@ def wallpaper(rng: np.random.Generator, base: Field, ink: Field, *, motif: str =
     else:
         raise ValueError(f"unknown wallpaper motif {motif!r}: expected stripes, trellis, damask or sprigs")
     paper = 1 + 0.008 * spectral(rng, (size, size), 0.8, finest=3, coarsest=60)
-    return to_image(mix(base, ink, np.clip(amount, 0, 1)) * paper[..., None])
+    amount = np.clip(amount, 0, 1)
+    # The print is a tenth of a millimetre thick, and the paper is embossed.
+    return Surface(to_image(mix(base, ink, amount) * paper[..., None]), 1e-4 * amount + 5e-3 * (paper - 1))
 
 
-def brick(rng: np.random.Generator, colour: Field, mortar: Field, *, size: int = 1024) -> Image:
+def brick(rng: np.random.Generator, colour: Field, mortar: Field, *, size: int = 1024) -> Surface:
     """A brick wall of 2 m: 8 × 28 stretchers in running bond, each with its own tone."""
     rows, columns = 28, 8
     y, x = np.meshgrid(np.arange(size) + 0.5, np.arange(size) + 0.5, indexing="ij")
@@ -84,10 +90,11 @@ def brick(rng: np.random.Generator, colour: Field, mortar: Field, *, size: int =
     height = smoothstep(1.5, 6.0, edge)
     face = colour * tones[row * columns + column] * (1 + 0.07 * fire - relief(height, 0.16))[..., None]
     sand = mortar * (1 + 0.06 * spectral(rng, (size, size), 0.6, finest=2))[..., None]
-    return to_image(mix(sand, face, smoothstep(2.6, 4.4, edge)))
+    relief_depth = 0.008 * height + 6e-4 * fire
+    return Surface(to_image(mix(sand, face, smoothstep(2.6, 4.4, edge))), relief_depth)
 
 
-def concrete(rng: np.random.Generator, colour: Field, *, size: int = 1024) -> Image:
+def concrete(rng: np.random.Generator, colour: Field, *, size: int = 1024) -> Surface:
     """Polished screed or cast concrete: clouds, trowel marks, pinholes."""
     shape = (size, size)
     cloud = spectral(rng, shape, 1.6, finest=4)
@@ -96,13 +103,16 @@ def concrete(rng: np.random.Generator, colour: Field, *, size: int = 1024) -> Im
     holes = blur((rng.random(shape) > 0.9995).astype(np.float64), 1.1)
     holes = np.clip(holes / 0.12, 0, 1)
     shade = 1 + 0.035 * cloud + 0.022 * sweep + 0.012 * grit - 0.25 * holes
-    return to_image(colour * shade[..., None])
+    height = 2e-4 * sweep + 4e-5 * grit - 8e-4 * holes
+    matte = 0.12 * smoothstep(-0.5, 2.0, cloud) + 0.5 * holes
+    return Surface(to_image(colour * shade[..., None]), height, matte=matte)
 
 
-def terrazzo(rng: np.random.Generator, base: Field, chips: tuple[Field, ...], *, size: int = 1024) -> Image:
+def terrazzo(rng: np.random.Generator, base: Field, chips: tuple[Field, ...], *, size: int = 1024) -> Surface:
     """Chips of several sizes in a cement matrix."""
     shape = (size, size)
     out = base * (1 + 0.02 * spectral(rng, shape, 1.2, finest=3))[..., None]
+    cement = np.ones(shape)
     for count, keep in ((5000, 0.4), (1400, 0.32), (400, 0.22)):
         ids, edge = cells(rng, shape, count)
         radius = np.sqrt(size * size / count)
@@ -111,10 +121,12 @@ def terrazzo(rng: np.random.Generator, base: Field, chips: tuple[Field, ...], *,
         mask = smoothstep(0.0, 1.5, 2 * edge - size_of[ids]) * chosen[ids]
         colour = np.stack(chips)[rng.integers(0, len(chips), count)] * (1 + 0.06 * rng.standard_normal((count, 1)))
         out = mix(out, colour[ids], mask)
-    return to_image(out)
+        cement *= 1 - mask
+    # Polishing takes more of the cement than of the chips, and leaves it duller.
+    return Surface(to_image(out), -5e-5 * cement, matte=0.15 * cement)
 
 
-def granite(rng: np.random.Generator, colours: tuple[Field, Field, Field], *, size: int = 512) -> Image:
+def granite(rng: np.random.Generator, colours: tuple[Field, Field, Field], *, size: int = 512) -> Surface:
     """Crystals of three minerals, clustered at two scales."""
     shape = (size, size)
     out = np.broadcast_to(colours[0], (*shape, 3)).copy()
@@ -123,35 +135,39 @@ def granite(rng: np.random.Generator, colours: tuple[Field, Field, Field], *, si
         ids, _ = cells(rng, shape, count)
         amount = (rng.standard_normal(count)[ids] + 0.5 * drift > cut).astype(np.float64)
         out = mix(out, colour, blur(amount, 0.6))
-    return to_image(out * (1 + 0.02 * spectral(rng, shape, 0.3, finest=2))[..., None])
+    return Surface(to_image(out * (1 + 0.02 * spectral(rng, shape, 0.3, finest=2))[..., None]))
 
 
-def brushed(rng: np.random.Generator, colour: Field, *, size: int = 512) -> Image:
+def brushed(rng: np.random.Generator, colour: Field, *, size: int = 512) -> Surface:
     """Brushed metal: hair-fine streaks along the columns under a slow sheen."""
     shape = (size, size)
     hair = spectral(rng, shape, 0.2, stretch=(1.0, 120.0), finest=1.5)
     sheen = spectral(rng, shape, 1.6, stretch=(1.0, 6.0), finest=30)
-    return to_image(colour * (1 + 0.022 * hair + 0.025 * sheen)[..., None])
+    # Slopes across the streaks stretch highlights, which is what tells brushed metal from polished.
+    height = 4e-5 * hair
+    return Surface(to_image(colour * (1 + 0.022 * hair + 0.025 * sheen)[..., None]), height, matte=_smudge(sheen))
 
 
-def leather(rng: np.random.Generator, colour: Field, *, size: int = 512) -> Image:
+def leather(rng: np.random.Generator, colour: Field, *, size: int = 512) -> Surface:
     """Pebbled hide with worn clouds."""
     shape = (size, size)
     _, edge = cells(rng, shape, 9000)
     crease = 1 - smoothstep(0.0, 1.2, edge)
     height = blur(smoothstep(0.0, 2.0, edge), 0.7)
     worn = spectral(rng, shape, 1.7, finest=12)
-    return to_image(colour * (1 + 0.06 * worn - 0.16 * crease - relief(height, 0.05))[..., None])
+    shade = 1 + 0.06 * worn - 0.16 * crease - relief(height, 0.05)
+    return Surface(to_image(colour * shade[..., None]), 3e-4 * height, matte=0.4 * crease)
 
 
-def soil(rng: np.random.Generator, colour: Field, *, size: int = 256) -> Image:
+def soil(rng: np.random.Generator, colour: Field, *, size: int = 256) -> Surface:
     """Potting soil: crumbs of every tone."""
     ids, edge = cells(rng, (size, size), 2600)
     tone = rng.uniform(0.55, 1.5, 2600)[ids]
-    return to_image(colour * (tone * (0.6 + 0.4 * smoothstep(0, 1.5, edge)))[..., None])
+    crumb = smoothstep(0, 1.5, edge)
+    return Surface(to_image(colour * (tone * (0.6 + 0.4 * crumb))[..., None]), 1e-3 * tone * crumb)
 
 
-def wicker(rng: np.random.Generator, colour: Field, *, size: int = 512, strands: int = 24) -> Image:
+def wicker(rng: np.random.Generator, colour: Field, *, size: int = 512, strands: int = 24) -> Surface:
     """Basket weave: strands across over and under stakes."""
     x, y = grid(size, size)
     stakes = strands // 2
@@ -162,4 +178,17 @@ def wicker(rng: np.random.Generator, colour: Field, *, size: int = 512, strands:
     shade = 0.45 + 0.38 * roundness + 0.2 * over * roundness
     tone = 1 + 0.07 * rng.standard_normal(strands)[row.astype(np.int64) % strands]
     fibre = 1 + 0.05 * spectral(rng, (size, size), 0.5, stretch=(1.0, 14.0), finest=2)
-    return to_image(colour * (shade * tone * fibre)[..., None])
+    height = roundness * (0.003 + 0.0015 * over)
+    return Surface(to_image(colour * (shade * tone * fibre)[..., None]), height)
+
+
+def _smudge(noise: Field) -> Field:
+    """`Surface.matte` (H, W) of a polished surface that hands have touched and wiped; ``noise`` has unit variance."""
+    return 0.10 * smoothstep(0.0, 2.5, noise)
+
+
+def smudges(rng: np.random.Generator, *, size: int = 256) -> Field:
+    """`Surface.matte` (H, W) of glass and enamel: wiped streaks and a few touched places."""
+    wiped = spectral(rng, (size, size), 1.3, stretch=(1.0, 3.0), finest=4)
+    touched = spectral(rng, (size, size), 1.6, finest=6)
+    return 0.05 * smoothstep(0.0, 2.5, wiped) + 0.08 * smoothstep(1.2, 2.6, touched)

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from generators.assets.textures.maps import Surface
 from generators.assets.textures.noise import (
     Field,
-    Image,
     blur,
     hex_colour,
     mix,
@@ -43,6 +43,13 @@ class Species:
     pores: float
     fibre: float
 
+
+#: Depth (m) of the grain where it is darkest: late wood and pores lie deeper under the finish.
+_GRAIN = 2.5e-4
+#: Depth (m) of the joints between boards, and of their rounded rims.
+_JOINT, _RIM = 1.5e-3, 3e-4
+#: Spread of the boards' slopes: laid on a screed that is level to a few millimetres in a metre.
+_LEVEL = 0.004
 
 SPECIES = {
     "oak": Species("#c8a678", "#96703f", 42, 2.2, 0.42, 0.40, 0.20),
@@ -84,18 +91,20 @@ def _colour(dark: Field, species: Species) -> Field:
     return mix(hex_colour(species.light), hex_colour(species.dark), np.clip(dark, -0.2, 1.25))
 
 
-def veneer(rng: np.random.Generator, species: str, *, size: int = 512, metres: float = 0.8) -> Image:
+def veneer(rng: np.random.Generator, species: str, *, size: int = 512, metres: float = 0.8) -> Surface:
     """A sheet of furniture veneer, ``metres`` square."""
     kind = SPECIES[species]
-    return to_image(_colour(grain(rng, (size, size), metres, kind), kind))
+    dark = grain(rng, (size, size), metres, kind)
+    return Surface(to_image(_colour(dark, kind)), -_GRAIN * dark)
 
 
-def painted(rng: np.random.Generator, colour: Field, *, size: int = 256) -> Image:
+def painted(rng: np.random.Generator, colour: Field, *, size: int = 256) -> Surface:
     """Lacquer on wood: nearly flat, with the faint orange peel and brush marks of real paint."""
     peel = spectral(rng, (size, size), 0.6, finest=3, coarsest=40)
     brush = spectral(rng, (size, size), 0.6, stretch=(1.0, 20.0), finest=3)
     broad = spectral(rng, (size, size), 1.8, finest=20)
-    return to_image(colour * (1 + 0.005 * peel + 0.003 * brush + 0.006 * broad)[..., None])
+    pixels = to_image(colour * (1 + 0.005 * peel + 0.003 * brush + 0.006 * broad)[..., None])
+    return Surface(pixels, 5e-5 * peel + 4e-5 * brush)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +132,7 @@ def _paint_boards(
     metres: float,
     gap: float,
     tone: float,
-) -> Image:
+) -> Surface:
     """Colour boards: each gets another piece of one large sheet of grain, its own tone and a dark joint."""
     ids, along, across, edge = boards.ids, boards.along, boards.across, boards.edge
     size = ids.shape[0]
@@ -138,7 +147,10 @@ def _paint_boards(
     joint = 1 - smoothstep(gap * 0.4, gap * 1.3, edge)
     rounding = 1 - smoothstep(gap, gap * 4, edge)
     shade = (1 - 0.62 * joint) * (1 - 0.07 * rounding)
-    return to_image(colour * shade[..., None])
+    height = -_GRAIN * dark - _JOINT * joint - _RIM * rounding
+    tilt = (rng.standard_normal((count, 2)) * _LEVEL)[ids]
+    worn = 0.15 * np.clip(dark, 0, 1)
+    return Surface(to_image(colour * shade[..., None]), height, tilt, np.maximum(worn, 0.8 * joint))
 
 
 def strips(
@@ -151,7 +163,7 @@ def strips(
     length: float = 1.2,
     tone: float = 0.16,
     gap: float = 0.9,
-) -> Image:
+) -> Surface:
     """Floor boards of one ``width``, laid in rows with staggered butt joints (wild bond)."""
     rows = max(2, round(metres / width))
     per_row = max(1, round(metres / length))
@@ -189,7 +201,7 @@ def herringbone(
     repeats: int = 4,
     diagonal: bool = True,
     tone: float = 0.15,
-) -> Image:
+) -> Surface:
     """Herringbone parquet of blocks ``ratio`` times as long as wide, at 45° to the walls or along them.
 
     In units of a block's width the pattern repeats under (2·ratio, 0) and (1, 1); turned by 45° its orthogonal periods
@@ -215,6 +227,6 @@ def herringbone(
     return _paint_boards(rng, SPECIES[species], boards=boards, metres=metres, gap=0.8, tone=tone)
 
 
-def butcher_block(rng: np.random.Generator, species: str, *, size: int = 512, metres: float = 0.9) -> Image:
+def butcher_block(rng: np.random.Generator, species: str, *, size: int = 512, metres: float = 0.9) -> Surface:
     """A worktop of narrow glued staves."""
     return strips(rng, species, size=size, metres=metres, width=0.045, length=0.45, tone=0.12, gap=0.3)
