@@ -7,8 +7,7 @@ in memory:
 - A matte material becomes Mitsuba's ``diffuse``, its colour times its texture as a bitmap of linear values.
 - A material with `Material.gloss` reflects, as ``lobe``, a lobe about the normal whatever the direction it is seen from
   (generators/lighting/form_factors.py); `NormalLobe` is this model, and needs a vectorised variant (``llvm_ad_rgb``).
-  As ``physical`` it is the microfacet model of glTF and of Burley, "Physically-based shading at Disney" (SIGGRAPH 2012
-  courses), with its roughness and metallic: Mitsuba's ``principled``.
+  As ``physical`` it is the microfacet model of glTF, with its maps (generators/vision/mitsuba_materials.py).
 - A face that emits becomes an area light that shines from its front.
 - The texture of a scan is light already: as ``physical`` its faces emit the colour of their middle, in steps of a
   `STEPS`-th of a stop, and reflect nothing. Nothing emits a texture, because Mitsuba then traces rays inside of each
@@ -32,11 +31,12 @@ from numpy.typing import NDArray
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.core.rays import Tracer
-from generators.core.scene import Material, Room, Scene
+from generators.core.scene import Material, Mesh, Room, Scene
 from generators.core.tone import decode_table, inverse_tone_curve
 from generators.lighting.form_factors import LOBE
 from generators.lighting.sun import SUN_RADIUS, Sun, find_sun
 from generators.lighting.surfaces import LitSurfaces
+from generators.vision.mitsuba_materials import MitsubaMaterials, is_mirrored, look_of
 
 F32 = NDArray[np.float32]
 
@@ -54,8 +54,6 @@ _WALL = 0.4
 MAX_DEPTH = 32
 #: Steps in a stop in which the light of photographs is told apart, and the least light that counts.
 STEPS, LEAST_LIGHT = 2, 2.0**-8
-#: Least roughness of ``principled``: below it, highlights of small lamps are found by chance alone.
-SMOOTHEST = 0.05
 #: From this reflection on a path ends by chance, with the probability that its light is absorbed.
 ROULETTE_DEPTH = 3
 
@@ -98,12 +96,16 @@ def _works(variant: str) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Group:
-    """Faces of one material: corners, shading normals and texture coordinates (F, 3, …), and the faces' area (m²)."""
+    """Faces of one material: corners, shading normals and texture coordinates (F, 3, …), and the faces' area (m²).
+
+    ``mirrored``: whether the texture coordinates are.
+    """
 
     material: Material
     positions: F32
     normals: F32
     uv: F32
+    mirrored: bool = False
 
     @property
     def area(self) -> float:
@@ -136,7 +138,7 @@ class MitsubaScene:
                     f"mitsuba: {glossy[0]} has gloss, which needs the variant llvm_ad_rgb, found {mi.variant()}; "
                     "set DRJIT_LIBLLVM_PATH to an LLVM library of version 16 or newer, or compare matte materials"
                 )
-        self._bitmaps: dict[tuple[Any, ...], Any] = {}
+        self._materials = MitsubaMaterials(mi)
         self._bsdfs: dict[tuple[Any, ...], Any] = {}
         self._lobe = normal_lobe(mi) if look == "lobe" and not mi.variant().startswith("scalar") else None
         surfaces = LitSurfaces.of(scene.parts)
@@ -210,7 +212,7 @@ class MitsubaScene:
     def _mesh(self, group: _Group, *, emits: bool) -> Any:
         mi = self._mi
         properties = mi.Properties()
-        properties["mesh_bsdf"] = self._bsdf(group.material)
+        properties["mesh_bsdf"] = self._bsdf(group.material, group.mirrored)
         if emits:
             properties["mesh_emitter"] = mi.load_dict(
                 {
@@ -243,36 +245,18 @@ class MitsubaScene:
         inside = bool(np.all((centre >= low) & (centre <= high), axis=1).any())
         return power * (1.0 if inside else _ELSEWHERE)
 
-    def _bsdf(self, material: Material) -> Any:
-        gloss = 0.0 if self._look == "matte" else material.gloss
-        key = (id(material.texture), material.colour, gloss, material.metallic)
+    def _bsdf(self, material: Material, mirrored: bool) -> Any:
+        if self._look == "physical":
+            return self._materials.bsdf(material, mirrored=mirrored)
+        key = (id(material.texture), material.colour, gloss := 0.0 if self._look == "matte" else material.gloss)
         if key not in self._bsdfs:
-            colour = self._reflectance(material)
-            inner: dict[str, Any] = {"type": "diffuse", "reflectance": colour}
-            if gloss > 0 and self._look == "lobe":
-                inner = {"type": self._lobe, "gloss": gloss, "reflectance": colour}
-            elif gloss > 0:
-                inner = {"type": "principled", "base_color": colour, "metallic": material.metallic}
-                inner["roughness"] = max(material.roughness, SMOOTHEST)
-            self._bsdfs[key] = self._mi.load_dict({"type": "twosided", "bsdf": inner})
+            plain = Material(material.name, material.acoustic, material.colour, material.texture)
+            inner = self._materials.bsdf(plain)
+            if gloss > 0:
+                inner = {"type": self._lobe, "gloss": gloss, "reflectance": self._materials.colour(material)}
+                inner = self._mi.load_dict({"type": "twosided", "bsdf": inner})
+            self._bsdfs[key] = inner
         return self._bsdfs[key]
-
-    def _reflectance(self, material: Material) -> Any:
-        if material.texture is None:
-            return {"type": "rgb", "value": list(material.colour)}
-        key = (id(material.texture), material.colour)
-        if key not in self._bitmaps:
-            pixels = decode_table()[material.texture.pixels[..., :3]] * np.asarray(material.colour)
-            self._bitmaps[key] = self._mi.load_dict(
-                {
-                    "type": "bitmap",
-                    "bitmap": self._mi.Bitmap(np.ascontiguousarray(pixels, dtype=np.float32)),
-                    "raw": True,
-                    "filter_type": "bilinear",
-                    "wrap_mode": "repeat",
-                }
-            )
-        return self._bitmaps[key]
 
     def _groups(self, scene: Scene, wanted: NDArray[np.bool_]) -> list[_Group]:
         """The ``wanted`` faces (F,) of a scene by material; lamps by part too, so that each is sampled for itself."""
@@ -293,14 +277,25 @@ class MitsubaScene:
                     kinds = [(replace(black, emission=radiance), faces[own]) for radiance, own in _alike(light)]
                 for kind, own in kinds:
                     is_lamp = not is_picture and max(kind.emission) > 0
-                    look = id(kind.texture), kind.colour, kind.gloss, kind.emission, kind.metallic
-                    piece = mesh.positions[own], mesh.normals[own], mesh.uv[own]
-                    if len(own):
-                        found.setdefault((*look, number if is_lamp else -1), (kind, []))[1].append(piece)
-        return [
-            _Group(material, *(np.concatenate([piece[k] for piece in pieces]) for k in range(3)))
-            for material, pieces in found.values()
-        ]
+                    for mirrored, faces in sides(kind, mesh, own):
+                        piece = mesh.positions[faces], mesh.normals[faces], mesh.uv[faces]
+                        key = (*look_of(kind), mirrored, number if is_lamp else -1)
+                        found.setdefault(key, (kind, []))[1].append(piece)
+        out = []
+        for key, (material, pieces) in found.items():
+            positions, normals, uv = (np.concatenate([piece[k] for piece in pieces]) for k in range(3))
+            out.append(_Group(material, positions, normals, uv, mirrored=key[-2]))
+        return out
+
+
+def sides(material: Material, mesh: Mesh, faces: NDArray[np.int64]) -> Iterator[tuple[bool, NDArray[np.int64]]]:
+    """The indices ``faces`` of a mesh, for a material with a normal map those of mirrored uv apart."""
+    mirrored = np.zeros(len(faces), dtype=bool)
+    if material.normal_map is not None:
+        mirrored = is_mirrored(mesh.positions[faces], mesh.uv[faces], mesh.normals[faces])
+    for side in (False, True):
+        if (mirrored == side).any():
+            yield side, faces[mirrored == side]
 
 
 def middle_colours(material: Material, uv: F32) -> NDArray[np.float64]:

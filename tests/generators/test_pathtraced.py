@@ -123,3 +123,53 @@ def test_no_variant_that_works_is_one_line() -> None:
 
     with pytest.raises(Avs3dError, match="no variant 'metal_rgb'; expected some of scalar_rgb"):
         load_mitsuba("metal_rgb")
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize(("across", "up"), [(0.25, 0.0), (0.0, 0.25)])
+def test_a_tilted_normal_map_turns_what_a_mirror_shows(
+    backend: pathtraced.PathtracedBackend, mirrored: bool, across: float, up: float
+) -> None:
+    """A mirror ahead whose map tilts n by atan(t) shows what lies 2·atan(t) off the way back: a lamp of that place."""
+    steep = np.array([across, up, 1.0]) / np.sqrt(across**2 + up**2 + 1)
+    pixels = np.broadcast_to(np.rint((steep + 1) * 127.5).astype(np.uint8), (4, 4, 3)).copy()
+    mirror = Material("mirror", "glass", roughness=0.0, metallic=1.0, normal_map=Texture("tilt", pixels))
+    corners = [(-3.0, -3.0, -1.0), (3.0, -3.0, -1.0), (3.0, 3.0, -1.0), (-3.0, 3.0, -1.0)]
+    uv = np.array([(1 - x / 3 if mirrored else x / 3, y / 3) for x, y, _ in corners])[[[0, 1, 2], [0, 2, 3]]]
+    front = MeshBuilder().add(np.array(corners), np.array([[0, 1, 2], [0, 2, 3]]), mirror, uv=uv).build()
+    # u of a mirrored picture points to the left, and so does the tilt along u.
+    sign = -1.0 if mirrored and across else 1.0
+    way = np.array([sign * across, up]) / 0.25
+    middle = np.array([0.0, 0.0, -1.0]) + 4 * np.array(
+        [*(way * np.sin(2 * np.arctan(0.25))), np.cos(2 * np.arctan(0.25))]
+    )
+    glow = Material("glow", "plaster", (0.0, 0.0, 0.0), emission=(0.5, 0.5, 0.5))
+    lamp = MeshBuilder().sphere(0.6, tuple(middle), glow, rings=12, segments=16).build()
+    found = picture(backend, scene_of(front, lamp), AHEAD)
+    assert np.abs(found[11:13, 11:13].astype(int).mean(axis=(0, 1)) - develop(np.full(3, 0.5))).max() <= 6
+
+
+def test_a_clear_pane_lets_light_through(backend: pathtraced.PathtracedBackend) -> None:
+    """Through a thin pane of index 1.5 go all rays but those reflected: 2F/(1 + F) of them, F = 0.04."""
+    glow = Material("glow", "plaster", (0.0, 0.0, 0.0), emission=(0.5, 0.5, 0.5))
+    pane = Material("pane", "glass", (1.0, 1.0, 1.0), roughness=0.0, transmission=1.0)
+    found = picture(backend, scene_of(plate(pane, 1.0).mesh, plate(glow, 2.0).mesh), AHEAD)
+    expected = develop(np.full(3, 0.5 * (1 - 0.08 / 1.04)))
+    assert np.abs(found[11:13, 11:13].astype(int).mean(axis=(0, 1)) - expected).max() <= 4
+
+
+def test_a_roughness_map_is_read_linearly_and_tells_metal_from_paint(backend: pathtraced.PathtracedBackend) -> None:
+    """Half of a plate is bare metal (blue 1), half is painted black (blue 0); a lamp fills what it could reflect."""
+    glow = Material("glow", "plaster", (0.0, 0.0, 0.0), emission=(0.5, 0.5, 0.5))
+    lamp = MeshBuilder().quad([(-300, -300, 5), (-300, 300, 5), (300, 300, 5), (300, -300, 5)], glow).build()
+    pixels = np.full((8, 8, 3), 20, np.uint8)
+    pixels[:, :4, 2], pixels[:, 4:, 2] = 255, 0
+    colour = np.zeros((8, 8, 3), np.uint8)
+    colour[:, :4] = 255
+    front = Material(
+        "plate", "metal", texture=Texture("c", colour), metallic=1.0, roughness_map=Texture("rough", pixels)
+    )
+    found = picture(backend, scene_of(plate(front, 3.0).mesh, lamp), AHEAD).astype(int)
+    left, right = found[11:13, 3:6].mean(axis=(0, 1)), found[11:13, 18:21].mean(axis=(0, 1))
+    assert np.abs(left - develop(np.full(3, 0.5))).max() <= 5
+    assert np.abs(right - develop(np.full(3, 0.5 * 0.04))).max() <= 8
