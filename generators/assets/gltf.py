@@ -24,6 +24,7 @@ from PIL import Image
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.runtime.imports import has_package
 from generators.assets.gltf_attributes import DRACO, plain_attributes
+from generators.assets.gltf_materials import mark_materials
 
 BASISU = "KHR_texture_basisu"
 KTX2 = "image/ktx2"
@@ -152,7 +153,8 @@ def check_images(file: Path) -> None:
 def rewritten(file: Path, *, textures: bool = True) -> bytes | None:
     """The file as one GLB that the reader understands, or None if it does as it is.
 
-    KTX2 images are decoded to PNG, normalised integers to floats, and texture coordinates are transformed.
+    KTX2 images are decoded to PNG, normalised integers to floats, and texture coordinates are transformed;
+    materials are numbered in their names if that is needed (`mark_materials`).
 
     Args:
         file: .glb or .gltf.
@@ -162,13 +164,13 @@ def rewritten(file: Path, *, textures: bool = True) -> bytes | None:
         Avs3dError: if KTX2 images are wanted and there is no decoder, or one is broken.
     """
     tree, binary = load_gltf(file)
-    before = binary
+    before, marked = binary, mark_materials(tree)
     if textures and _basis_images(tree):
         binary = _decode_basis(file, tree, binary)
     elif not textures:
         _drop_textures(tree)
     binary = plain_attributes(tree, binary)
-    return None if textures and binary is before else pack_glb(tree, binary)
+    return None if textures and binary is before and not marked else pack_glb(tree, binary)
 
 
 def _decode_basis(file: Path, tree: dict[str, Any], binary: bytes) -> bytes:

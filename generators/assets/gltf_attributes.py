@@ -58,11 +58,13 @@ def plain_attributes(tree: dict[str, Any], binary: bytes) -> bytes:
 
 
 def _coordinates(tree: dict[str, Any], primitive: dict[str, Any]) -> tuple[str | None, NDArray[np.float64] | None]:
-    """The set of coordinates of the base colour's texture, and their (2, 3) transform, None for none."""
+    """The set of coordinates of the base colour's texture or the first map, and their (2, 3) transform, or None."""
     if "material" not in primitive:
         return None, None
     material = tree["materials"][primitive["material"]]
-    texture = material.get("pbrMetallicRoughness", {}).get("baseColorTexture")
+    surface = material.get("pbrMetallicRoughness", {})
+    found = (surface.get("baseColorTexture"), surface.get("metallicRoughnessTexture"), material.get("normalTexture"))
+    texture = next((each for each in (*found, material.get("emissiveTexture")) if each is not None), None)
     if texture is None:
         return None, None
     own = texture.get("extensions", {}).get(TRANSFORM)

@@ -8,6 +8,7 @@ from urllib.parse import unquote
 
 from avs3d_bench.errors import Avs3dError
 from generators.assets.gltf import read_tree, refuse_compressed
+from generators.assets.gltf_materials import check_materials
 
 SUFFIXES = (".glb", ".gltf", ".obj", ".ply")
 #: Other files that scanning apps write, and what to do with them.
@@ -110,6 +111,7 @@ def _check_obj(file: Path) -> None:
 def _check_gltf(file: Path) -> None:
     tree = read_tree(file)
     refuse_compressed(file, tree)
+    check_materials(file, tree)
     for kind in ("buffers", "images"):
         for item in tree.get(kind, []):
             uri = item.get("uri", "data:")

@@ -2,7 +2,8 @@
 
 Colours follow each format: glTF's factors and vertex colours are linear light, those of OBJ and PLY are sRGB. An OBJ's
 ``Kd`` is ignored if it has ``map_Kd``, which is the intention of most writers. Vertex colours become a texture of 4 × 4
-texels per face; beside a texture they are ignored. Alpha, emission and roughness are ignored.
+texels per face; beside a texture they are ignored. So is the alpha of glTF. What is read of materials is told by
+`generators.assets.gltf_materials` and `generators.assets.mtl`.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import io
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -24,10 +25,12 @@ from trimesh.visual.color import to_rgba
 from avs3d_bench.contract.taxonomy import check_category
 from avs3d_bench.errors import Avs3dError
 from generators.assets.acoustic_twin import clustered, component_boxes
-from generators.assets.gltf import LARGEST_TEXTURE, check_images, rewritten
+from generators.assets.gltf import LARGEST_TEXTURE, check_images, read_tree, rewritten
+from generators.assets.gltf_materials import attach_extras, decoded, emission_of, gltf_look, map_of
 from generators.assets.meshcheck import check_file
 from generators.assets.model import Model, framed
 from generators.assets.modelframe import before_front, clear_of_twin, upright
+from generators.assets.mtl import ROUGHNESS, mtl_look
 from generators.assets.objects.design import Design, Mount, Point
 from generators.assets.objects.finishes import to_linear, to_srgb
 from generators.assets.shapes import corner_normals
@@ -64,6 +67,9 @@ _DEFAULTS = {
     "fan": CategoryDefaults(0.42, "surface", 0.65),
     "radio": CategoryDefaults(0.19, "surface", 0.5),
 }
+#: Points of a triangle (barycentric) at which an emissive texture is looked up, and the least light that counts.
+_POINTS = np.array([(4, 1, 1), (1, 4, 1), (1, 1, 4), (2, 2, 2), (2.9, 2.9, 0.2), (0.2, 2.9, 2.9), (2.9, 0.2, 2.9)]) / 6
+_LEAST_GLOW = 2.0**-6
 #: Words in a material's name that determine its acoustic label.
 _WORDS = {
     "wood": "wood oak walnut pine timber parquet laminate mdf",
@@ -115,10 +121,10 @@ def load_mesh(
     """
     file = Path(path)
     scene = open_scene(file, textures=textures)
-    known: dict[int, Material] = {}
+    known = _Known()
     instances = list(_instances(file, scene))
     found = (_piece(file, name, part, matrix, acoustic, known) for name, part, matrix in instances)
-    pieces = [piece for piece in found if piece is not None]
+    pieces = [own for piece in found if piece is not None for own in _shining(piece, known)]
     if not pieces:
         flat = ", ".join(repr(name) for name, _, _ in instances[:3])
         if flat:
@@ -158,9 +164,11 @@ def open_scene(file: Path, *, textures: bool = True) -> Any:
                 if textures:
                     check_images(file)
                 data = rewritten(file, textures=textures)
-            if data is not None:
-                return trimesh.load_scene(io.BytesIO(data), file_type="glb", process=False)
-            return trimesh.load_scene(file, process=False)
+            source = file if data is None else io.BytesIO(data)
+            scene = trimesh.load_scene(source, file_type=None if data is None else "glb", process=False)
+            if file.suffix.lower() in (".glb", ".gltf"):
+                attach_extras(read_tree(file), scene)
+            return scene
         except Avs3dError:
             raise
         except Exception as error:  # each format's reader raises its own exceptions
@@ -268,6 +276,21 @@ def load_model(
     return Model(Path(path).name, category, clear, design.mount, licence, point)
 
 
+@dataclass(eq=False)
+class _Known:
+    """Materials converted so far.
+
+    Attributes:
+        materials: by the identity of the reader's own.
+        glows: emissive texture and factor of some, by their identity.
+        shining: those with the light of some of their faces.
+    """
+
+    materials: dict[int, Material] = field(default_factory=dict)
+    glows: dict[int, tuple[Texture, tuple[float, float, float]]] = field(default_factory=dict)
+    shining: dict[tuple[Any, ...], Material] = field(default_factory=dict)
+
+
 # ---- one geometry of the file -------------------------------------------------------------------------------------
 
 
@@ -292,10 +315,10 @@ def _instances(file: Path, scene: Any) -> Iterator[tuple[str, Any, Array]]:
             yield str(name), part, np.asarray(matrix, dtype=np.float64)
 
 
-def _piece(file: Path, name: str, part: Any, matrix: Array, acoustic: str, known: dict[int, Material]) -> Mesh | None:
+def _piece(file: Path, name: str, part: Any, matrix: Array, acoustic: str, known: _Known) -> Mesh | None:
     """One geometry as a mesh in the file's world, still without its acoustic twin; None if no face has an area.
 
-    ``known`` maps the identity of the reader's materials to those converted so far, so that textures are decoded once.
+    ``known`` has the materials converted so far, so that textures are decoded once.
     """
     vertices, faces = world_vertices(file, name, part, matrix), np.asarray(part.faces, dtype=np.int64)
     linear_part = matrix[:3, :3]
@@ -343,7 +366,7 @@ def _surface(
     faces: NDArray[np.int64],
     kept: NDArray[np.int64],
     acoustic: str,
-    known: dict[int, Material],
+    known: _Known,
 ) -> tuple[Material, Array]:
     """The material of a geometry and its (F, 3, 2) texture coordinates."""
     gltf = file.suffix.lower() in (".glb", ".gltf")
@@ -356,24 +379,26 @@ def _surface(
             if kind == "vertex" and len(faces) <= _SHADED_MOST
             else _palette(visual, name, faces, kept, gltf)
         )
-        fresh = Material(name, _sounds_like(name, acoustic), texture=texture)
-        return known.setdefault(id(visual), fresh), uv
+        fresh = Material(name, _sounds_like(name, acoustic), texture=texture, roughness=ROUGHNESS)
+        return known.materials.setdefault(id(visual), fresh), uv
     source = getattr(visual, "material", None)
     if source is None:
-        fresh = Material(name, _sounds_like(name, acoustic), colour=(0.6, 0.6, 0.6))
-        return known.setdefault(id(visual), fresh), uv
+        fresh = Material(name, _sounds_like(name, acoustic), colour=(0.6, 0.6, 0.6), roughness=ROUGHNESS)
+        return known.materials.setdefault(id(visual), fresh), uv
     painted = getattr(visual, "vertex_attributes", {}).get("color")
     if painted is not None and getattr(source, "baseColorTexture", None) is None:
         colours = np.asarray(to_rgba(painted), dtype=np.float64)[faces, :3]
         if len(faces) > _SHADED_MOST:
             colours[:] = colours.mean(axis=1, keepdims=True)
-        plain = _material(file, source, name, gltf, acoustic)
+        plain = _material(file, source, name, gltf, acoustic, _Known())
         texture, uv = _shaded(colours, triangles, name, gltf)
-        return known.setdefault(id(visual), replace(plain, texture=texture)), uv
-    material = known.get(id(source))
+        plain = replace(plain, texture=texture, normal_map=None, roughness_map=None)
+        return known.materials.setdefault(id(visual), plain), uv
+    material = known.materials.get(id(source))
     if material is None:
-        material = known[id(source)] = _material(file, source, name, gltf, acoustic)
-    if material.texture is not None:
+        material = known.materials[id(source)] = _material(file, source, name, gltf, acoustic, known)
+    maps = material.texture, material.normal_map, material.roughness_map, known.glows.get(id(material))
+    if any(each is not None for each in maps):
         given = getattr(visual, "uv", None)
         if given is None:
             raise Avs3dError(
@@ -385,7 +410,7 @@ def _surface(
     return material, uv
 
 
-def _material(file: Path, source: Any, name: str, gltf: bool, acoustic: str) -> Material:
+def _material(file: Path, source: Any, name: str, gltf: bool, acoustic: str, known: _Known) -> Material:
     """Convert one of the reader's materials; ``name`` is that of the first geometry with it."""
     title = str(getattr(source, "name", None) or name)
     image = getattr(source, "baseColorTexture", None) if gltf else getattr(source, "image", None)
@@ -395,17 +420,39 @@ def _material(file: Path, source: Any, name: str, gltf: bool, acoustic: str) -> 
         values = np.asarray(factor, dtype=np.float64)[:3]
         r, g, b = (float(v) for v in (values / 255 if gltf else to_linear(values)))
         colour = (r, g, b)
-    texture = None
-    if image is not None:
-        try:
-            texture = Texture(title, np.asarray(image.convert("RGB")).copy())
-        except (OSError, SyntaxError, ValueError) as error:
-            raise Avs3dError(f"{file}: the texture of material {title!r} cannot be decoded ({error})") from error
-    metallic = getattr(source, "metallicFactor", None) if gltf else None
-    roughness = 0.16 if texture is None and metallic is not None and float(metallic) > 0.5 else 0.64
-    return Material(
-        title, _sounds_like(f"{title} {name}", acoustic), colour=colour, texture=texture, roughness=roughness
-    )
+    texture = None if image is None else Texture(title, decoded(file, image, title))
+    look = gltf_look(file, source, title) if gltf else mtl_look(file, source, title)
+    material = Material(title, _sounds_like(f"{title} {name}", acoustic), colour=colour, texture=texture, **look)
+    if gltf and (glow := map_of(file, source, "emissiveTexture", title)) is not None:
+        known.glows[id(material)] = glow, emission_of(source)
+    return material
+
+
+def _shining(piece: Mesh, known: _Known) -> list[Mesh]:
+    """A piece of one material as itself; with an emissive texture, one piece for each stop of light of its faces.
+
+    A face shines as the mean of the texture at seven points of it (its corners, its middle, and between them).
+    """
+    material = piece.materials[0]
+    if id(material) not in known.glows:
+        return [piece]
+    texture, factor = known.glows[id(material)]
+    height, width = texture.pixels.shape[:2]
+    u, v = np.moveaxis(np.mod(_POINTS @ piece.uv.astype(np.float64), 1.0), -1, 0)
+    rows, columns = ((1 - v) * height).astype(int).clip(0, height - 1), (u * width).astype(int).clip(0, width - 1)
+    light = to_linear(texture.pixels[rows, columns]).mean(axis=1) * factor
+    light[light.max(axis=1) < _LEAST_GLOW] = 0
+    steps = np.round(np.log2(np.maximum(light, _LEAST_GLOW))).astype(int)
+    kinds, kind = np.unique(steps, axis=0, return_inverse=True)
+    out = []
+    for number in range(len(kinds)):
+        faces = np.flatnonzero(kind.reshape(-1) == number)
+        red, green, blue = light[faces].mean(axis=0).tolist()
+        key = id(material), number, red, green, blue
+        own = known.shining.setdefault(key, replace(material, emission=(red, green, blue)))
+        arrays = {name: getattr(piece, name)[faces] for name in ("positions", "normals", "uv", "face_material")}
+        out.append(replace(piece, **arrays, materials=(own,)))
+    return out
 
 
 def _shaded(colours: Array, triangles: Array, name: str, gltf: bool) -> tuple[Texture, Array]:

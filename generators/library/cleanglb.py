@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from generators.assets.gltf_materials import emission_and_coat
 from generators.library.rawmesh import RawPart
 
 _FLOAT, _UINT = 5126, 5125
@@ -42,18 +43,26 @@ class _Glb:
         self._images: list[dict[str, Any]] = []
         self._meshes: list[dict[str, Any]] = []
         self._pictures: dict[bytes, int] = {}
+        self._extensions: set[str] = set()
 
     def add(self, part: RawPart) -> None:
         """Append a part: its material, its texture, its mesh of one primitive."""
         surface = part.surface
         physical: dict[str, Any] = {
             "baseColorFactor": [*(round(float(v), 6) for v in surface.colour), 1.0],
-            "metallicFactor": 1.0 if surface.metallic else 0.0,
-            "roughnessFactor": 0.4 if surface.metallic else 0.8,
+            "metallicFactor": round(float(surface.metallic or 0.0), 6),
+            "roughnessFactor": round(float(1.0 if surface.roughness is None else surface.roughness), 6),
         }
+        material: dict[str, Any] = {"name": surface.name, "pbrMetallicRoughness": physical}
         if surface.pixels is not None:
             physical["baseColorTexture"] = {"index": self._picture(surface.pixels)}
-        self._materials.append({"name": surface.name, "pbrMetallicRoughness": physical})
+        if surface.rough is not None:
+            physical["metallicRoughnessTexture"] = {"index": self._picture(surface.rough)}
+        if surface.normals is not None:
+            material["normalTexture"] = {"index": self._picture(surface.normals)}
+        material |= emission_and_coat(surface.emission, surface.clearcoat)
+        self._extensions |= set(material.get("extensions", {}))
+        self._materials.append(material)
         vertices, index = _indexed(part)
         attributes = {
             "POSITION": self._accessor(vertices[:, :3], "VEC3", _FLOAT, bounds=True),
@@ -80,6 +89,8 @@ class _Glb:
             "accessors": self._accessors,
             "bufferViews": self._views,
         }
+        if self._extensions:
+            tree["extensionsUsed"] = sorted(self._extensions)
         if self._textures:
             repeat = {"wrapS": 10497, "wrapT": 10497, "magFilter": 9729, "minFilter": 9987}
             tree |= {"textures": self._textures, "images": self._images, "samplers": [repeat]}

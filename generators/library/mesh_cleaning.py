@@ -18,6 +18,7 @@ from PIL import Image
 
 from avs3d_bench.errors import Avs3dError
 from generators.assets.modelframe import upright
+from generators.assets.mtl import ROUGHNESS
 from generators.assets.objects.finishes import to_linear
 from generators.assets.shapes import corner_normals
 from generators.library import glazing, simplify
@@ -29,9 +30,11 @@ __all__ = ["MAX_PIXELS", "MeshFinding", "clean", "version"]
 
 Array = NDArray[np.float64]
 
-_VERSION = "1"
+_VERSION = "2"
 #: Longest side of a texture, pixels.
 MAX_PIXELS = 2048
+#: Roughness of metal that is told by its name alone: between brushed and polished.
+_BARE_METAL = 0.4
 #: Range of a household object's longest side (m); a file outside this range is in another unit.
 _PLAUSIBLE = (0.04, 3.0)
 _UNITS = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001, "inches": 0.0254, "feet": 0.3048}
@@ -266,6 +269,20 @@ def _normals(part: RawPart, wound: Array, smooth: Array, flip: NDArray[np.bool_]
     return np.where(usable[..., None], given, smooth)
 
 
+def _reduced(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """An image with at most `MAX_PIXELS` to a side."""
+    height, width = pixels.shape[:2]
+    scale = min(1.0, MAX_PIXELS / max(width, height))
+    if scale == 1.0:
+        return pixels
+    new = (max(1, round(width * scale)), max(1, round(height * scale)))
+    return np.asarray(Image.fromarray(pixels).resize(new, Image.Resampling.LANCZOS))
+
+
+def _limited(pixels: NDArray[np.uint8] | None) -> NDArray[np.uint8] | None:
+    return None if pixels is None else _reduced(pixels)
+
+
 def _dressed(part: RawPart, findings: list[MeshFinding]) -> RawPart:
     """A part with texture coordinates for its texture, a texture of limited size, and its material in its name."""
     surface = part.surface
@@ -284,20 +301,26 @@ def _dressed(part: RawPart, findings: list[MeshFinding]) -> RawPart:
         height, width = surface.pixels.shape[:2]
         pixels = surface.pixels
         if max(width, height) > MAX_PIXELS:
-            scale = MAX_PIXELS / max(width, height)
-            new = (max(1, round(width * scale)), max(1, round(height * scale)))
-            pixels = np.asarray(Image.fromarray(pixels).resize(new, Image.Resampling.LANCZOS))
+            pixels = _reduced(pixels)
+            new = pixels.shape[1::-1]
             text = f"the texture of {name!r} was reduced from {width} × {height} to {new[0]} × {new[1]} pixels"
             findings.append(MeshFinding("mended", text))
         # In OBJ files a texture replaces the colour beside it.
         surface = replace(surface, pixels=pixels, colour=(1.0, 1.0, 1.0))
+        surface = replace(surface, normals=_limited(surface.normals), rough=_limited(surface.rough))
+    if surface.pixels is None and (surface.normals is not None or surface.rough is not None):
+        findings.append(MeshFinding("note", f"{name!r} has maps but no coloured texture: its maps are left out"))
+        surface = replace(surface, normals=None, rough=None)
     if surface.colour == NEUTRAL and surface.pixels is None and name in ("", "None", "material_0"):
         findings.append(MeshFinding("note", "a part has no colour: it becomes grey"))
     lower = name.lower()
     label = next((kind for kind, words in _GLOSSARY.items() if any(word in lower for word in words.split())), "")
     if label and label not in lower:
         name = f"{name} {label}"
-    metallic = surface.metallic or label == "metal"
+    # A file that says nothing about reflection may still say that it is metal, by its name.
+    metallic = surface.metallic if surface.metallic is not None else float(label == "metal")
+    if surface.roughness is None:
+        surface = replace(surface, roughness=_BARE_METAL if metallic else ROUGHNESS)
     # Real surfaces do not reflect all light: white paper has an albedo below 0.9.
     r, g, b = (float(np.clip(v, 0.0, 1.0)) for v in surface.colour)
     limit = 1.0 if surface.pixels is not None else 0.86

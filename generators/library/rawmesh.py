@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 from urllib.parse import unquote
@@ -20,7 +20,9 @@ from PIL import Image
 
 from avs3d_bench.errors import Avs3dError
 from generators.assets.gltf import read_tree
+from generators.assets.gltf_materials import gltf_look, known_extras
 from generators.assets.meshfile import open_scene, world_vertices
+from generators.assets.mtl import mtl_look, statements
 from generators.assets.objects.finishes import to_linear
 from generators.library.objfile import SiblingFileResolver, cut_polygons, decoded
 
@@ -54,14 +56,24 @@ class PartSurface:
         colour: linear albedo (3,), multiplied with the texture.
         pixels: (H, W, 3 or 4) uint8 sRGB, the fourth channel is the opacity; row 0 is the top.
         alpha: opacity of the whole surface.
-        metallic: whether the file declares it as a metal.
+        metallic: as the file declares it; None if it does not.
+        roughness: likewise.
+        clearcoat: see `generators.core.scene.Material`.
+        emission: radiance in the scene's light unit.
+        normals: (h, w, 3) uint8 normal map of glTF.
+        rough: (h, w, 3) uint8 map, green × ``roughness``, blue × ``metallic``.
     """
 
     name: str
     colour: tuple[float, float, float]
     pixels: NDArray[np.uint8] | None = None
     alpha: float = 1.0
-    metallic: bool = False
+    metallic: float | None = None
+    roughness: float | None = None
+    clearcoat: float = 0.0
+    emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    normals: NDArray[np.uint8] | None = None
+    rough: NDArray[np.uint8] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +223,7 @@ def _part(file: Path, name: str, part: Any, matrix: Array, reading: _Reading) ->
         given = np.asarray(part.vertex_normals, dtype=np.float64)
         with np.errstate(all="ignore"):
             normals = (given @ np.linalg.pinv(matrix[:3, :3]))[faces]
-    surface = _surface(name, part, reading)
+    surface = _surface(file, name, part, reading)
     uv = getattr(part.visual, "uv", None) if surface.pixels is not None else None
     if uv is not None and len(uv) == len(vertices):
         uv = np.asarray(uv, dtype=np.float64)[faces]
@@ -225,17 +237,17 @@ def _part(file: Path, name: str, part: Any, matrix: Array, reading: _Reading) ->
     return RawPart(triangles, surface, normals, uv)
 
 
-def _surface(name: str, part: Any, reading: _Reading) -> PartSurface:
+def _surface(file: Path, name: str, part: Any, reading: _Reading) -> PartSurface:
     source = getattr(part.visual, "material", None)
     if source is None:
         return PartSurface(name, NEUTRAL)
     known = reading.surfaces.get(id(source))
     if known is None:
-        known = reading.surfaces[id(source)] = _material(name, source, reading)
+        known = reading.surfaces[id(source)] = _material(file, name, source, reading)
     return known
 
 
-def _material(name: str, source: Any, reading: _Reading) -> PartSurface:
+def _material(file: Path, name: str, source: Any, reading: _Reading) -> PartSurface:
     title = " ".join(str(getattr(source, "name", None) or name).split())[:80]
     physical = hasattr(source, "baseColorFactor")
     image = getattr(source, "baseColorTexture" if physical else "image", None)
@@ -267,9 +279,39 @@ def _material(name: str, source: Any, reading: _Reading) -> PartSurface:
             )
     if physical and pixels is not None and getattr(source, "alphaMode", None) not in ("BLEND", "MASK"):
         pixels = pixels[..., :3]
-    metallic = getattr(source, "metallicFactor", None)
     r, g, b = (float(v) for v in colour)
-    return PartSurface(title, (r, g, b), pixels, alpha, metallic is not None and float(metallic) > 0.5)
+    plain_surface = PartSurface(title, (r, g, b), pixels, alpha)
+    return _look(file, source, plain_surface, reading) if physical or options else plain_surface
+
+
+def _look(file: Path, source: Any, surface: PartSurface, reading: _Reading) -> PartSurface:
+    """``surface`` with what its material says about light besides the colour; without it, after a fault."""
+    try:
+        physical = hasattr(source, "baseColorFactor")
+        look = gltf_look(file, source, surface.name) if physical else mtl_look(file, source, surface.name)
+    except Avs3dError as error:
+        reading.note("warning", f"{str(error).removeprefix(f'{file}: ')}; its parts get the usual reflection")
+        return surface
+    if physical:
+        extras = known_extras(source)
+        for name in extras.ignored:
+            reading.note("note", f"{surface.name!r}: the extension {name} is not read and changes nothing")
+        for name in extras.foreign:
+            reading.note("note", f"{surface.name!r}: its {name} has texture coordinates of its own; left out")
+        if source.emissiveTexture is not None:
+            reading.note("note", f"{surface.name!r}: its emissive texture is left out")
+    normals, rough = look.get("normal_map"), look.get("roughness_map")
+    # Without Pr, Pm or Ns an MTL says nothing; glTF always has a value.
+    said = physical or {"pr", "pm", "ns"} & statements(source).keys()
+    return replace(
+        surface,
+        metallic=look.get("metallic", 0.0) if said else None,
+        roughness=look.get("roughness", 1.0) if said else None,
+        clearcoat=look.get("clearcoat", 0.0),
+        emission=look.get("emission", (0.0, 0.0, 0.0)),
+        normals=None if normals is None else normals.pixels,
+        rough=None if rough is None else rough.pixels,
+    )
 
 
 def _numbers(value: Any) -> Array:
