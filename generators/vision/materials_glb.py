@@ -3,7 +3,8 @@
 `generators.vision.glb` writes what our camera sees, with the light in the textures. This file has none of the light:
 base colours, roughness, metallic, maps, emission, clear layers and transmission as `Material` has them, so that
 Blender, three.js or another path tracer shows the same surfaces. The pictures of a scan contain their light: they are
-unlit. What glTF lacks is left out: the view behind a window (`Material.shown`; the pane shines with its mean) and the sun.
+unlit. What glTF lacks is left out: the view behind a window (`Material.shown`; the pane shines with its mean), and the
+sun.
 """
 
 from __future__ import annotations
