@@ -191,4 +191,4 @@ def smudges(rng: np.random.Generator, *, size: int = 256) -> Field:
     """`Surface.matte` (H, W) of glass and enamel: wiped streaks and a few touched places."""
     wiped = spectral(rng, (size, size), 1.3, stretch=(1.0, 3.0), finest=4)
     touched = spectral(rng, (size, size), 1.6, finest=6)
-    return 0.05 * smoothstep(0.0, 2.5, wiped) + 0.08 * smoothstep(1.2, 2.6, touched)
+    return 0.03 * smoothstep(0.0, 2.5, wiped) + 0.05 * smoothstep(1.2, 2.6, touched)
