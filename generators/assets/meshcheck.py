@@ -6,8 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import unquote
 
+from PIL import Image
+
 from avs3d_bench.errors import Avs3dError
-from generators.assets.gltf import read_tree, refuse_compressed
+from generators.assets.gltf import LARGEST_TEXTURE, read_tree, refuse_compressed
 from generators.assets.gltf_materials import check_materials
 
 SUFFIXES = (".glb", ".gltf", ".obj", ".ply")
@@ -95,17 +97,42 @@ def _words(file: Path, key: str) -> Iterator[str]:
                 yield rest.strip()
 
 
-def _check_obj(file: Path) -> None:
+def check_obj_sizes(file: Path) -> None:
+    """Refuse an OBJ with a huge texture, which its reader would leave out without a word.
+
+    Raises:
+        Avs3dError: naming the texture.
+    """
+    for mtl, name in _obj_textures(file):
+        try:
+            with Image.open(file.parent / name.replace("\\", "/")) as picture:
+                side = max(picture.size)
+        except Image.DecompressionBombError:
+            side = LARGEST_TEXTURE + 1
+        except OSError:  # the reader tells
+            continue
+        if side > LARGEST_TEXTURE:
+            raise Avs3dError(f"{mtl}: texture {name!r} is larger than {LARGEST_TEXTURE} texels to a side; reduce it")
+
+
+def _obj_textures(file: Path) -> Iterator[tuple[Path, str]]:
+    """The material library of an OBJ and the textures that it names.
+
+    Raises:
+        Avs3dError: if a library is missing.
+    """
     for library in _words(file, "mtllib"):
         mtl = file.parent / library
         if not mtl.is_file():
             raise Avs3dError(f"{file}: its material library {library!r} is missing beside it; put it there")
         for value in _words(mtl, "map_kd"):
-            image = value.split()[-1] if value.startswith("-") else value
-            if not (file.parent / image.replace("\\", "/")).is_file():
-                raise Avs3dError(
-                    f"{mtl}: texture {image!r} is missing; put it beside the OBJ or remove its map_Kd line"
-                )
+            yield mtl, value.split()[-1] if value.startswith("-") else value
+
+
+def _check_obj(file: Path) -> None:
+    for mtl, image in _obj_textures(file):
+        if not (file.parent / image.replace("\\", "/")).is_file():
+            raise Avs3dError(f"{mtl}: texture {image!r} is missing; put it beside the OBJ or remove its map_Kd line")
 
 
 def _check_gltf(file: Path) -> None:

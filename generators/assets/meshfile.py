@@ -27,7 +27,7 @@ from avs3d_bench.errors import Avs3dError
 from generators.assets.acoustic_twin import clustered, component_boxes
 from generators.assets.gltf import LARGEST_TEXTURE, check_images, read_tree, rewritten
 from generators.assets.gltf_materials import attach_extras, decoded, emission_of, gltf_look, map_of
-from generators.assets.meshcheck import check_file
+from generators.assets.meshcheck import check_file, check_obj_sizes
 from generators.assets.model import Model, framed
 from generators.assets.modelframe import before_front, clear_of_twin, upright
 from generators.assets.mtl import ROUGHNESS, mtl_look
@@ -160,6 +160,8 @@ def open_scene(file: Path, *, textures: bool = True) -> Any:
     with _large_images():
         try:
             data = None
+            if file.suffix.lower() == ".obj":
+                check_obj_sizes(file)
             if file.suffix.lower() in (".glb", ".gltf"):
                 if textures:
                     check_images(file)

@@ -24,6 +24,8 @@ from avs3d_bench.errors import Avs3dError
 #: Roughness of a material that says nothing about it: satin paint.
 ROUGHNESS = 0.64
 _MATTE_MODELS = (0, 1)
+#: Statements that are written in lower case.
+_LOWER = ("d", "illum")
 
 
 def mtl_look(file: Path, source: Any, title: str) -> dict[str, Any]:
@@ -39,8 +41,9 @@ def mtl_look(file: Path, source: Any, title: str) -> dict[str, Any]:
         if values is None:
             return default
         if not len(values) or not 0 <= values[-1] <= most:
+            name = key if key in _LOWER else key.capitalize()
             raise Avs3dError(
-                f"{file}: material {title!r}: its {key.capitalize()} is {source.kwargs.get(key)}; expected a number "
+                f"{file}: material {title!r}: its {name} is {source.kwargs.get(key)}; expected a number "
                 f"{'≥ 0' if most == math.inf else f'from 0 to {most:g}'}; correct the material library"
             )
         return float(values[-1])
@@ -68,11 +71,8 @@ def roughness_of(exponent: float) -> float:
 
 def statements(source: Any) -> dict[str, NDArray[np.float64]]:
     """The numbers of each statement of a material, by its name in lower case; none if they are no numbers."""
-    said = dict(getattr(source, "kwargs", None) or {})
-    if getattr(source, "glossiness", None) is not None:
-        said["ns"] = source.glossiness
     out = {}
-    for key, value in said.items():
+    for key, value in (getattr(source, "kwargs", None) or {}).items():
         try:
             out[key] = np.atleast_1d(np.asarray(value, dtype=np.float64))
         except (TypeError, ValueError):

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.files import atomic_path
+from generators.assets.gltf_materials import UNLIT
 from generators.core.scene import F32, Part, Scene
 from generators.core.tone import decode_table, srgb_encode, tone_curve
 from generators.vision.atlas import bake_atlas
@@ -78,7 +79,7 @@ def write_glb(
     middle = np.array([0.0, 0.5])
     uv = np.where(further[:, None, None] > 1, middle + (uv - middle) * further[:, None, None], uv).astype(np.float32)
     uv[..., 1] = 1 - uv[..., 1]  # glTF counts v downwards
-    file = _GltfFile(both_sides)
+    file = GltfFile(both_sides)
     for label in sorted(set(labels)):
         kind = np.array([own == label for own in labels])[tables.surface]
         lit = tables.light[tables.surface] >= 0
@@ -133,7 +134,7 @@ def _png(pixels: U8) -> bytes:
 
 
 @dataclass(eq=False)
-class _GltfFile:
+class GltfFile:
     """A glTF document and its binary chunk, as they grow."""
 
     both_sides: bool = False
@@ -147,9 +148,20 @@ class _GltfFile:
     wraps: list[bool] = field(default_factory=list)
 
     def add(self, name: str, pixels: U8, positions: F32, normals: F32, uv: F32, *, repeats: bool) -> None:
-        """A mesh of face corners (n, 3, …) that shows a picture (H, W, 3)."""
+        """A mesh of face corners (n, 3, …) that shows a picture (H, W, 3) whatever the light."""
+        surface: dict[str, Any] = {"baseColorTexture": {"index": self.texture(pixels, repeats=repeats)}}
+        surface |= {"metallicFactor": 0.0, "roughnessFactor": 1.0}
+        material = {"doubleSided": True, "extensions": {UNLIT: {}}, "pbrMetallicRoughness": surface}
+        self.add_mesh(name, material, positions, normals, uv)
+
+    def texture(self, pixels: U8, *, repeats: bool) -> int:
+        """The number of a new texture with a picture (H, W, 3)."""
         self.images.append({"mimeType": "image/png", "bufferView": self._view(_png(pixels))})
         self.wraps.append(repeats)
+        return len(self.images) - 1
+
+    def add_mesh(self, name: str, material: dict[str, Any], positions: F32, normals: F32, uv: F32) -> None:
+        """A mesh of face corners (n, 3, …), v down, of a glTF material that gets its name."""
         corners = np.concatenate([positions, normals, uv], axis=2).reshape(-1, 8) + np.float32(0)  # no −0
         rows = np.ascontiguousarray(corners).view(np.dtype((np.void, corners.shape[1] * 4))).reshape(-1)
         _, first, index = np.unique(rows, return_index=True, return_inverse=True)
@@ -162,25 +174,14 @@ class _GltfFile:
         indices = self._numbers(faces.reshape(-1, 1).astype(np.uint32), _INDICES)
         primitive = {"attributes": attributes, "indices": indices, "material": len(self.materials)}
         self.meshes.append({"name": name, "primitives": [primitive]})
-        self.materials.append(
-            {
-                "name": name,
-                "doubleSided": True,
-                "extensions": {"KHR_materials_unlit": {}},
-                "pbrMetallicRoughness": {
-                    "baseColorTexture": {"index": len(self.images) - 1},
-                    "metallicFactor": 0.0,
-                    "roughnessFactor": 1.0,
-                },
-            }
-        )
+        self.materials.append({"name": name, **material})
 
     def content(self) -> bytes:
         """The whole file."""
         count = len(self.meshes)
         tree = {
             "asset": {"version": "2.0", "generator": "avs3d-bench"},
-            "extensionsUsed": ["KHR_materials_unlit"],
+            "extensionsUsed": sorted({name for each in self.materials for name in each.get("extensions", {})}),
             "scene": 0,
             "scenes": [{"nodes": list(range(count))}],
             "nodes": [{"name": mesh["name"], "mesh": number} for number, mesh in enumerate(self.meshes)],
@@ -196,6 +197,10 @@ class _GltfFile:
             "bufferViews": self.views,
             "buffers": [{"byteLength": self.length}],
         }
+        if not self.images:
+            tree = {key: value for key, value in tree.items() if key not in ("textures", "images", "samplers")}
+        if not tree["extensionsUsed"]:
+            del tree["extensionsUsed"]
         text = json.dumps(tree, separators=(",", ":")).encode()
         text += b" " * (-len(text) % 4)
         whole = 12 + 8 + len(text) + 8 + self.length

@@ -22,7 +22,17 @@ def small_scene() -> Scene:
     rng = np.random.default_rng(1)
     wood = Texture("wood", rng.integers(0, 256, (7, 5, 3), dtype=np.uint8))
     oak = Material("oak", "wood", (0.1, 1 / 3, 0.7), texture=wood)
-    pine = Material("pine", "parquet", texture=wood, roughness=0.56)
+    small, rough = (Texture(n, rng.integers(0, 256, (4, 6, 3), dtype=np.uint8)) for n in ("wood_normal", "wood_rough"))
+    pine = Material(
+        *("pine", "parquet"),
+        texture=wood,
+        roughness=0.56,
+        metallic=0.25,
+        normal_map=small,
+        roughness_map=rough,
+        transmission=0.125,
+        clearcoat=0.75,
+    )
     lamp = Material("lamp", "glass", emission=(1e-3, 2.5, 1e4))
     one = MeshBuilder().box((1, 2, 3), (0, 0, 0), oak).sphere(0.3, (1, 1, 1), lamp, rings=4, segments=6).build()
     two = MeshBuilder().box((1, 1, 1), (4, 0, 0), pine).disc(0.2, (0, 0, 0), "y", oak, segments=5).build()

@@ -133,7 +133,9 @@ def test_a_ramp_has_the_normal_of_its_slope(slopes: tuple[float, float]) -> None
     normal = normal_map(a * along[None, :] + b * along[::-1, None], metres)
     expected = np.array([-a, -b, 1.0]) / np.sqrt(a * a + b * b + 1)
     inner = normal[1:-1, 1:-1].astype(float) / 127.5 - 1
-    assert np.abs(inner - expected).max() <= 0.5 / 127.5 + 1e-6
+    assert np.abs(inner - expected).max() <= 1 / 127.5 + 1e-6
+    # x and y are dithered: their means are exact to a small part of a step.
+    assert np.abs(inner[..., :2].mean(axis=(0, 1)) - expected[:2]).max() <= 0.03 / 127.5
 
 
 def test_tilts_add_to_slopes_and_large_maps_are_averages() -> None:

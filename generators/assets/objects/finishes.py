@@ -12,11 +12,17 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from generators.assets.textures.maps import Surface, surfaced
 from generators.core.scene import Material, Texture
 
 Pixels = NDArray[np.uint8]
 Array = NDArray[np.float64]
 Colour = tuple[float, float, float]
+
+#: Metres per repeat of a texture on goods, which have no sizes of their own (`MeshBuilder`).
+_REPEAT = 1.0
+#: Height (m) of the streaks of brushed steel, about their standard deviation.
+_STREAK = 5e-4
 
 
 def hex_rgb(srgb: str) -> Array:
@@ -106,7 +112,8 @@ def brushed_steel(name: str, rng: Generator, srgb: str = "#b9bcbe", *, contrast:
     streaks = rng.normal(size=(256, 1)) * contrast * 0.6 + rng.normal(size=(256, 64)) * contrast * 0.25
     smooth = (streaks + np.roll(streaks, 1, axis=1) + np.roll(streaks, -1, axis=1)) / 3
     pixels = np.clip(np.round(hex_rgb(srgb) + smooth[..., None]), 0, 255).astype(np.uint8)
-    return Material(name, "metal", texture=Texture(name, pixels), roughness=0.16, metallic=1.0)
+    surface = Surface(pixels, _STREAK * smooth / contrast)
+    return surfaced(name, "metal", surface, 0.16, _REPEAT * smooth.shape[1] / len(smooth), metallic=1.0)
 
 
 def wood(name: str, rng: Generator, srgb: str = "#6b4326") -> Material:

@@ -39,7 +39,7 @@ class Surface(NamedTuple):
 def normal_map(height: Field, metres: float, tilt: Field | None = None) -> Image:
     """(h, w, 3) uint8 normals of a height field that repeats, at most `LARGEST_MAP` to a side.
 
-    The normal is (−dh/du, −dh/dv, 1), normalised; slopes are central differences.
+    The normal is (−dh/du, −dh/dv, 1), normalised; slopes are central differences. x and y are dithered.
 
     Args:
         height: (H, W) metres, row 0 at the top.
@@ -55,7 +55,19 @@ def normal_map(height: Field, metres: float, tilt: Field | None = None) -> Image
     if tilt is not None:
         normal[..., :2] -= _reduced(tilt)
     normal /= np.sqrt((normal * normal).sum(axis=2, keepdims=True))
-    return np.asarray(np.rint((normal + 1) * 127.5), dtype=np.uint8)
+    code = (normal + 1) * 127.5
+    code[..., :2] += _dither(*small.shape)[..., None] - 0.5
+    return np.asarray(np.rint(code), dtype=np.uint8)
+
+
+def _dither(height: int, width: int) -> F32:
+    """(H, W) in [0, 1): a step of a byte is .45°, which a polished tile would show as facets; so neighbours differ.
+
+    The sequence R2 (M. Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018): means over a few
+    texels are nearly exact.
+    """
+    rows, columns = np.arange(height)[:, None], np.arange(width)[None, :]
+    return np.asarray((0.7548776662 * columns + 0.5698402910 * rows) % 1.0, dtype=np.float32)
 
 
 def roughness_map(matte: Field, roughness: float) -> tuple[float, Image]:

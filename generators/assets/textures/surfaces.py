@@ -144,7 +144,7 @@ def brushed(rng: np.random.Generator, colour: Field, *, size: int = 512) -> Surf
     hair = spectral(rng, shape, 0.2, stretch=(1.0, 120.0), finest=1.5)
     sheen = spectral(rng, shape, 1.6, stretch=(1.0, 6.0), finest=30)
     # Slopes across the streaks stretch highlights, which is what tells brushed metal from polished.
-    height = 4e-5 * hair
+    height = 3e-5 * hair
     return Surface(to_image(colour * (1 + 0.022 * hair + 0.025 * sheen)[..., None]), height, matte=_smudge(sheen))
 
 
@@ -191,4 +191,4 @@ def smudges(rng: np.random.Generator, *, size: int = 256) -> Field:
     """`Surface.matte` (H, W) of glass and enamel: wiped streaks and a few touched places."""
     wiped = spectral(rng, (size, size), 1.3, stretch=(1.0, 3.0), finest=4)
     touched = spectral(rng, (size, size), 1.6, finest=6)
-    return 0.05 * smoothstep(0.0, 2.5, wiped) + 0.08 * smoothstep(1.2, 2.6, touched)
+    return 0.03 * smoothstep(0.0, 2.5, wiped) + 0.05 * smoothstep(1.2, 2.6, touched)
