@@ -94,6 +94,7 @@ class CudaSession:
         check_camera(intrinsics)
         from generators.core.device_rays import DeviceTracer
         from generators.vision import device_kernels, kernels
+        from generators.vision.microfacet import block_points
 
         self._kernels, self._device = kernels, device_kernels
         self._intrinsics = intrinsics
@@ -103,7 +104,7 @@ class CudaSession:
         self._thin = upload(triangles[thin_faces(triangles, tables.normal, tracer)], "thin triangles")
         self._tables: Any = upload(tables, f"{scene.name}: textures and light maps")
         self._curves = upload((tone_table(), srgb_table()), "tables")
-        self._offsets = upload(SUB_PIXELS, "tables")
+        self._offsets, self._points = upload(SUB_PIXELS, "tables"), upload(block_points(), "tables")
         self._allocate()
 
     def _allocate(self) -> None:
@@ -142,7 +143,7 @@ class CudaSession:
         """Free the device's memory; closing twice is allowed."""
         if self._tables is not None:
             self._tables = None
-            del self._tree, self._thin, self._frame, self._rays, self._curves, self._offsets
+            del self._tree, self._thin, self._frame, self._rays, self._curves, self._offsets, self._points
 
     def _shoot_centres(self, view: PinholeView) -> None:
         """One ray through the centre of each pixel; fills the whole frame."""
@@ -155,8 +156,13 @@ class CudaSession:
             threads = device.tiles(view.width, rows) * device.TILE
             launch(device.trace_centres, threads, view, first, rows, self._tree, rays.arrays)
             launch(device.write_geometry, count, first * view.width, count, rays.arrays, self._tables, frame.arrays)
-            self._shade(view, 1.0, count)
-            launch(device.encode, count, first * view.width, count, rays.arrays, self._curves[1], frame.arrays)
+            launch(device.shade, count, view, 1.0, count, rays.arrays, self._tables)
+            own = first * view.width, count, self._tree, rays.arrays, self._tables, self._points, frame.arrays
+            launch(device.reflect_centres, count, view, *own)
+        pixels = view.width * view.height
+        for down in (False, True):
+            launch(device.smooth, pixels, down, view, self._tables, frame.arrays)
+        launch(device.finish, pixels, self._tables, self._curves[0], WHITE, self._curves[1], frame.arrays)
 
     def _refine_edges(self, view: PinholeView) -> None:
         """Shoot the pixels at edges again and average."""
@@ -165,6 +171,7 @@ class CudaSession:
         launch(device.clear, pixels, frame.arrays)
         launch(device.mark_edges, pixels, view, self._tables.surface, self._tables.normal, frame.arrays)
         launch(device.mark_thin, len(self._thin), self._thin, view, frame.arrays)
+        launch(device.mark_mirrored, pixels, view, frame.arrays)
         launch(device.collect, pixels, frame.arrays)
         edges = int(frame.arrays.number.copy_to_host()[0])
         samples = len(SUB_PIXELS)
@@ -172,13 +179,12 @@ class CudaSession:
         def refine(first: int, last: int) -> None:
             count = (last - first) * samples
             launch(device.trace_edges, count, view, first, self._offsets, count, self._tree, rays.arrays, frame.arrays)
-            self._shade(view, 0.5, count)
+            launch(device.shade, count, view, 0.5, count, rays.arrays, self._tables)
+            scene = self._tree, rays.arrays, self._tables, self._points, self._curves[0], WHITE, frame.arrays
+            launch(device.reflect_edges, count, view, first, samples, count, *scene)
             launch(device.average, last - first, first, last, samples, rays.arrays, self._curves[1], frame.arrays)
 
         in_batches(refine, edges, rays.count // samples)
-
-    def _shade(self, view: PinholeView, spread: float, count: int) -> None:
-        launch(self._device.shade, count, view, spread, count, self._rays.arrays, self._tables, self._curves[0], WHITE)
 
 
 class _Frame:
@@ -198,6 +204,13 @@ class _Frame:
             marks=allocate(pixels, np.uint8, what),
             pixels=allocate(pixels, np.int32, what),
             number=allocate(1, np.int32, what),
+            light=allocate((pixels, 3), np.float32, what),
+            lobe=allocate((pixels, 3), np.float32, what),
+            between=allocate((pixels, 3), np.float32, what),
+            factor=allocate((pixels, 3), np.float32, what),
+            radius=allocate(pixels, np.float32, what),
+            alpha=allocate(pixels, np.float32, what),
+            second=allocate(pixels, np.int32, what),
         )
         self._rgb = pinned((pixels, 3), np.uint8)
         self._depth = pinned(pixels, np.float32)

@@ -18,8 +18,10 @@ from generators.core.device_rays import FAR, RayTree, first_hit
 from generators.core.jit import inline
 from generators.core.scene import F32, I32
 from generators.vision import kernels as cpu
-from generators.vision.kernels import PinholeView, ray_direction
-from generators.vision.tables import SceneTables
+from generators.vision import reflection_kernels as mirrors
+from generators.vision.kernels import STRONG, PinholeView, ray_direction
+from generators.vision.reflection_kernels import BOUNCES
+from generators.vision.tables import CLEAR, GLOSSY, SceneTables
 
 cuda: Any = numba.cuda
 
@@ -31,9 +33,12 @@ TILE_WIDTH, TILE_HEIGHT = 8, 4
 TILE = TILE_WIDTH * TILE_HEIGHT
 
 # Functions that kernels call are names of their own: numba resolves them when it compiles.
-_shade, _encode, _average = cpu.shade, cpu.encode, cpu.average
+_shade, _develop, _encode, _average = cpu.shade, cpu.develop, cpu.encode, cpu.average
 _mark_edges, _mark_thin = cpu.mark_edges, cpu.mark_thin
 _write_geometry = cpu.write_geometry
+_add_mean, _reflect, _see_through = mirrors.add_mean, mirrors.reflect, mirrors.see_through
+_go_on, _keep_lobes, _smooth = mirrors.follow, mirrors.keep_lobes, mirrors.smooth
+_add_lobes, _reuse, _mark_mirrored = mirrors.add_lobes, mirrors.reuse, mirrors.mark_mirrored
 
 
 class RayArrays(NamedTuple):
@@ -45,7 +50,7 @@ class RayArrays(NamedTuple):
         distance: (N,) float32 in direction lengths.
         u: (N,) float32 weight of the face's corner 1.
         v: (N,) float32 weight of its corner 2.
-        light: (N, 3) float32 linear display light.
+        light: (N, 3) float32 radiance, and linear display light once it is developed.
     """
 
     direction: F32
@@ -67,6 +72,13 @@ class FrameArrays(NamedTuple):
         marks: (P,) uint8, 1 where a pixel is shot again.
         pixels: (P,) int32, the first ``number[0]`` are the pixels that are shot again, in any order.
         number: (1,) int32.
+        light: (P, 3) float32 radiance times exposure.
+        lobe: (P, 3) float32 see `reflection_kernels.keep_lobes`; so are the following but for ``between``.
+        between: (P, 3) float32 lobes that are averaged along the rows.
+        factor: (P, 3) float32.
+        radius: (P,) float32.
+        alpha: (P,) float32.
+        second: (P,) int32.
     """
 
     face: I32
@@ -76,6 +88,13 @@ class FrameArrays(NamedTuple):
     marks: U8
     pixels: I32
     number: I32
+    light: F32
+    lobe: F32
+    between: F32
+    factor: F32
+    radius: F32
+    alpha: F32
+    second: I32
 
 
 def tiles(width: int, rows: int) -> int:
@@ -151,10 +170,8 @@ def write_geometry(first: int, count: int, rays: RayArrays, tables: SceneTables,
 
 
 @kernel
-def shade(
-    view: PinholeView, spread: float, count: int, rays: RayArrays, tables: SceneTables, tone: F32, white: float
-) -> None:
-    """Display light of ``count`` rays, each of which stands for an area ``spread`` pixels wide."""
+def shade(view: PinholeView, spread: float, count: int, rays: RayArrays, tables: SceneTables) -> None:
+    """Diffuse radiance of ``count`` rays, each of which stands for an area ``spread`` pixels wide."""
     i = cuda.grid(1)
     if i >= count:
         return
@@ -167,18 +184,241 @@ def shade(
         view,
         spread,
         tables,
-        tone,
-        white,
         rays.light[i : i + 1],
     )
 
 
+@inline
+def _walk(
+    tree: RayTree,
+    tables: SceneTables,
+    origins: F32,
+    directions: F32,
+    cone: F32,
+    first: I32,
+    reach: F32,
+    seen: F32,
+    stack: I32,
+    entries: F32,
+) -> None:
+    """Add to ``seen`` (1, 3) what one ray brings, 0 without a direction; see `reflections.Reflections`."""
+    face, distance = cuda.local.array(1, np.int32), cuda.local.array(1, np.float32)
+    u, v = cuda.local.array(1, np.float32), cuda.local.array(1, np.float32)
+    owner, throughput = cuda.local.array(1, np.int32), cuda.local.array((1, 3), np.float32)
+    owner[0], first[0], reach[0] = 0, -1, np.float32(0.0)
+    for c in range(3):
+        throughput[0, c] = np.float32(1.0)
+    bounce = 0
+    while bounce <= BOUNCES:
+        if directions[0, 0] == 0.0 and directions[0, 1] == 0.0 and directions[0, 2] == 0.0:
+            break
+        found, t, b1, b2 = first_hit(
+            tree.boxes,
+            tree.children,
+            tree.corners,
+            origins[0, 0],
+            origins[0, 1],
+            origins[0, 2],
+            directions[0, 0],
+            directions[0, 1],
+            directions[0, 2],
+            FAR,
+            False,
+            stack,
+            entries,
+        )
+        face[0] = tree.face[found] if found >= 0 else -1
+        distance[0], u[0], v[0] = t, b1, b2
+        if bounce == 0:
+            first[0], reach[0] = face[0], distance[0]
+        last = bounce == BOUNCES
+        if _go_on(face, distance, u, v, owner, throughput, origins, directions, cone, tables, last, seen) == 0:
+            break
+        bounce += 1
+
+
+@inline
+def _reflected(
+    view: PinholeView,
+    spread: float,
+    samples: int,
+    i: int,
+    pixel: I32,
+    tree: RayTree,
+    rays: RayArrays,
+    tables: SceneTables,
+    points: F32,
+    frame: FrameArrays,
+    stack: I32,
+    entries: F32,
+) -> None:
+    """What ray ``i``, one of the ``samples`` of a ``pixel``, reflects and what it sees through what it meets."""
+    begin = i - i % samples
+    face, distance, u, v = (
+        rays.face[begin : i + 1],
+        rays.distance[begin : i + 1],
+        rays.u[begin : i + 1],
+        rays.v[begin : i + 1],
+    )
+    direction, light = rays.direction[begin : i + 1], rays.light[begin : i + 1]
+    own = slice(i, i + 1)
+    _add_mean(
+        rays.face[own], rays.distance[own], rays.u[own], rays.v[own], rays.direction[own], tables, rays.light[own]
+    )
+    if rays.face[i] < 0:
+        return
+    shine = tables.shine[tables.surface[rays.face[i]]]
+    if shine < GLOSSY:
+        return
+    rows, first = cuda.local.array(1, np.int32), cuda.local.array(1, np.int32)
+    reach, seen = cuda.local.array(1, np.float32), cuda.local.array((1, 3), np.float32)
+    weight, origins = cuda.local.array((1, 3), np.float32), cuda.local.array((1, 3), np.float32)
+    directions, cone = cuda.local.array((1, 3), np.float32), cuda.local.array((1, 3), np.float32)
+    start = cuda.local.array((1, 3), np.float32)
+    rows[0] = i - begin
+    _reflect(
+        rows,
+        face,
+        distance,
+        u,
+        v,
+        direction,
+        view,
+        spread,
+        pixel,
+        samples,
+        tables,
+        points,
+        light,
+        weight,
+        origins,
+        directions,
+        cone,
+    )
+    if samples > 1:
+        _reuse(
+            rows,
+            face,
+            pixel,
+            samples,
+            frame.face,
+            tables,
+            frame.radius,
+            frame.lobe,
+            view.width,
+            view.height,
+            weight,
+            directions,
+            light,
+        )
+    for c in range(3):
+        start[0, c], seen[0, c] = cone[0, c], np.float32(0.0)
+    _walk(tree, tables, origins, directions, cone, first, reach, seen, stack, entries)
+    if samples > 1:
+        for c in range(3):
+            rays.light[i, c] += weight[0, c] * seen[0, c]
+    else:
+        p = pixel[0]
+        at = slice(p, p + 1)
+        _keep_lobes(
+            rows,
+            rays.distance[own],
+            first,
+            reach,
+            start,
+            weight,
+            seen,
+            frame.lobe[at],
+            frame.factor[at],
+            frame.radius[at],
+            frame.alpha[at],
+            frame.second[at],
+        )
+    if shine != CLEAR:
+        return
+    if _see_through(rows, face, distance, u, v, direction, view, spread, tables, weight, origins, directions, cone):
+        for c in range(3):
+            seen[0, c] = np.float32(0.0)
+        _walk(tree, tables, origins, directions, cone, first, reach, seen, stack, entries)
+        for c in range(3):
+            rays.light[i, c] += weight[0, c] * seen[0, c]
+
+
 @kernel
-def encode(first: int, count: int, rays: RayArrays, srgb: U8, frame: FrameArrays) -> None:
-    """Colours of ``count`` pixels from number ``first`` on."""
+def reflect_centres(
+    view: PinholeView,
+    begin: int,
+    count: int,
+    tree: RayTree,
+    rays: RayArrays,
+    tables: SceneTables,
+    points: F32,
+    frame: FrameArrays,
+) -> None:
+    """Radiance of ``count`` pixels from number ``begin`` on, and the lobes of those that reflect."""
     i = cuda.grid(1)
-    if i < count:
-        _encode(rays.light[i], srgb, frame.rgb[first + i])
+    if i >= count:
+        return
+    stack, entries = cuda.local.array(STACK, np.int32), cuda.local.array(STACK, np.float32)
+    pixel = cuda.local.array(1, np.int32)
+    p = begin + i
+    pixel[0], frame.radius[p], frame.second[p] = p, np.float32(-1.0), -1
+    _reflected(view, 1.0, 1, i, pixel, tree, rays, tables, points, frame, stack, entries)
+    for c in range(3):
+        frame.light[p, c] = rays.light[i, c]
+
+
+@kernel
+def reflect_edges(
+    view: PinholeView,
+    begin: int,
+    samples: int,
+    count: int,
+    tree: RayTree,
+    rays: RayArrays,
+    tables: SceneTables,
+    points: F32,
+    tone: F32,
+    white: float,
+    frame: FrameArrays,
+) -> None:
+    """Display light of the ``count`` rays of the pixels from number ``begin`` on that are shot again."""
+    i = cuda.grid(1)
+    if i >= count:
+        return
+    stack, entries = cuda.local.array(STACK, np.int32), cuda.local.array(STACK, np.float32)
+    pixel = cuda.local.array(1, np.int32)
+    pixel[0] = frame.pixels[begin + i // samples]
+    _reflected(view, 0.5, samples, i, pixel, tree, rays, tables, points, frame, stack, entries)
+    _develop(rays.face[i : i + 1], tables, tone, white, rays.light[i : i + 1])
+
+
+@kernel
+def smooth(down: bool, view: PinholeView, tables: SceneTables, frame: FrameArrays) -> None:
+    """Average the lobes of all pixels along the rows, into ``between``, then ``down`` the columns."""
+    i = cuda.grid(1)
+    if i < frame.face.shape[0]:
+        before, after = (frame.between, frame.lobe) if down else (frame.lobe, frame.between)
+        _smooth(frame.face, tables, before, frame.radius, frame.alpha, view.width, view.height, down, i, i + 1, after)
+
+
+@kernel
+def finish(tables: SceneTables, tone: F32, white: float, srgb: U8, frame: FrameArrays) -> None:
+    """Colours of all pixels from their radiance and their lobes."""
+    i = cuda.grid(1)
+    if i < frame.face.shape[0]:
+        own = slice(i, i + 1)
+        _add_lobes(frame.factor[own], frame.radius[own], frame.lobe[own], frame.light[own])
+        _develop(frame.face[own], tables, tone, white, frame.light[own])
+        _encode(frame.light[i], srgb, frame.rgb[i])
+
+
+@kernel
+def mark_mirrored(view: PinholeView, frame: FrameArrays) -> None:
+    """Mark the pixels at edges in mirrors."""
+    i = cuda.grid(1)
+    if i < frame.marks.shape[0]:
+        _mark_mirrored(frame.second, frame.rgb, view.width, STRONG, frame.marks, i, i + 1)
 
 
 @kernel

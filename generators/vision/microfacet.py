@@ -19,8 +19,10 @@ from generators.vision.albedos import COSINES, ROUGHNESSES
 
 #: Reflectance at normal incidence of dielectrics with an index of refraction of 1.5.
 DIELECTRIC = np.float32(0.04)
-#: Sides of the tile of pixels whose rays are stratified together, and the number of its rays.
-BLOCK, RAYS = 2 * TILE, 4 * PATTERNS
+#: Side of the square of pixels whose rays are stratified together.
+BLOCK = 8 * TILE
+#: Of the scrambling of the tiles' points.
+_SEED = 35
 
 _ZERO, _ONE, _TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)
 _TINY = np.float32(1e-7)
@@ -28,13 +30,20 @@ _TINY = np.float32(1e-7)
 
 @lru_cache(maxsize=1)
 def block_points() -> F32:
-    """(`BLOCK`, `BLOCK`, 2) float32: the point in the unit square of each pixel of a block.
+    """(2, `BLOCK`, `BLOCK`, 2) float32: the point in the unit square of each pixel of a block.
 
-    All points are a (0, 2)-net, and so are those of each aligned 4 × 4 pixels.
+    The points of each aligned 4 × 4 pixels are a (0, 2)-net, with digits scrambled anew for each. The second set is the
+    same for the even pixels of a chessboard, (x + y) % 2 = 0, of 4 × 4.
     """
-    y, x = np.mgrid[0:BLOCK, 0:BLOCK].astype(np.int32)
-    quarter = np.array([[0, 2], [3, 1]])[y // TILE, x // TILE]
-    return net(RAYS)[PATTERNS * quarter + pattern_of(x, y)].astype(np.float32)
+    masks = np.random.default_rng(_SEED).integers(2**32, size=(BLOCK // TILE, BLOCK // TILE, 2), dtype=np.uint32)
+    y, x = np.mgrid[0:TILE, 0:TILE].astype(np.int32)
+    number = pattern_of(x, y)
+    out = np.empty((2, BLOCK, BLOCK, 2), dtype=np.float32)
+    for row, column in np.ndindex(BLOCK // TILE, BLOCK // TILE):
+        tile = slice(row * TILE, (row + 1) * TILE), slice(column * TILE, (column + 1) * TILE)
+        points = net(PATTERNS, tuple(masks[row, column].tolist()))
+        out[0][tile], out[1][tile] = points[number], points[number % (PATTERNS // 2)]
+    return out
 
 
 @inline

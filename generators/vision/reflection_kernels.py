@@ -25,6 +25,8 @@ Triple = tuple[np.float32, np.float32, np.float32]
 
 #: Roughness below which a surface is a mirror: its lobe is narrower than a pixel.
 MIRROR = np.float32(0.06)
+#: Mirrors and panes that a ray may meet before it ends on what it meets next.
+BOUNCES = 4
 #: Metals below this roughness send on the rays that meet them.
 BRIGHT = np.float32(0.2)
 #: Rays start this far off the surface (m).
@@ -37,8 +39,6 @@ PART = np.float32(0.5)
 SHARE, LEAST, WIDEST = np.float32(0.8), np.float32(2.0), np.float32(6.0)
 #: From this roughness on every other pixel has a ray, like the black squares of a chessboard.
 HALVED = np.float32(0.25)
-#: Part of α from which rays are drawn: the average widens the lobe again.
-DRAWN = np.float32(0.8)
 #: Width of a lobe's mirrored directions (radians) in units of α.
 WIDTH = np.float32(1.4)
 
@@ -352,13 +352,14 @@ def reflect(
             pixel = pixels[i // samples]
             y = pixel // view.width
             x = pixel - y * view.width
-            if samples == 1 and roughness > HALVED and (x + y) % 2 == 1:
+            sparse = 1 if samples == 1 and roughness > HALVED else 0
+            if sparse == 1 and (x + y) % 2 == 1:
                 directions[k, 0] = directions[k, 1] = directions[k, 2] = _ZERO
                 cone[k, 0], cone[k, 1], cone[k, 2] = width, step, -alpha
                 continue
             x += 3 * (i % samples)
-            one, other = points[y % BLOCK, x % BLOCK, 0], points[y % BLOCK, x % BLOCK, 1]
-            hx, hy, hz = lobe_normal(-dx, -dy, -dz, nx, ny, nz, DRAWN * alpha, one, other)
+            one, other = points[sparse, y % BLOCK, x % BLOCK, 0], points[sparse, y % BLOCK, x % BLOCK, 1]
+            hx, hy, hz = lobe_normal(-dx, -dy, -dz, nx, ny, nz, alpha, one, other)
         directions[k, 0], directions[k, 1], directions[k, 2] = _mirrored(dx, dy, dz, hx, hy, hz, gx, gy, gz)
         far = distance[i]
         for c in range(3):

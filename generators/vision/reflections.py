@@ -16,9 +16,6 @@ from generators.vision.microfacet import block_points
 from generators.vision.sampling import SUB_PIXELS
 from generators.vision.tables import CLEAR, SceneTables
 
-#: Mirrors and panes that a ray may meet before it ends on what it meets next.
-BOUNCES = 4
-
 
 class Reflections:
     """The reflections in one picture after another; for one thread at a time.
@@ -154,7 +151,7 @@ class Reflections:
         seen, throughput = np.zeros((count, 3), dtype=np.float32), np.empty((count, 3), dtype=np.float32)
         owner = np.empty(count, dtype=np.int32)
         count = kernels.gather(owner, throughput, origins, directions, cone)
-        for bounce in range(BOUNCES + 1):
+        for bounce in range(kernels.BOUNCES + 1):
             if not count:
                 break
             rays = owner[:count], throughput[:count], origins[:count], directions[:count], cone[:count]
@@ -162,7 +159,7 @@ class Reflections:
             if bounce == 0:
                 first[rays[0]], reach[rays[0]] = hit["primID"], hit["tfar"]
             count = kernels.follow(
-                hit["primID"], hit["tfar"], hit["u"], hit["v"], *rays, self._tables, bounce == BOUNCES, seen
+                hit["primID"], hit["tfar"], hit["u"], hit["v"], *rays, self._tables, bounce == kernels.BOUNCES, seen
             )
         return seen
 

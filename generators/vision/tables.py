@@ -157,7 +157,8 @@ def _shine(material: Material, developed: bool) -> int:
     if material.transmission > 0.0:
         return CLEAR
     smoothest = 1.0 if material.roughness_map is None else float(material.roughness_map.pixels[..., 1].min()) / 255.0
-    if material.roughness * smoothest < TRACING_LIMIT or material.clearcoat > 0.0:
+    varies = material.roughness_map is not None and material.metallic > 0.0
+    if material.roughness * smoothest < TRACING_LIMIT or material.clearcoat > 0.0 or varies:
         return GLOSSY
     return SATIN if material.roughness < 1.0 or material.metallic > 0.0 else MATTE
 

@@ -18,6 +18,7 @@ from generators.core.cuda import LEAST_CAPABILITY
 from generators.core.tone import srgb_table, tone_table
 from generators.vision import device_kernels
 from generators.vision.device_kernels import FrameArrays, RayArrays
+from generators.vision.microfacet import block_points
 from generators.vision.sampling import SUB_PIXELS
 from generators.vision.tables import build_tables
 from generators.vision.views import trial_scene, view_of
@@ -31,15 +32,22 @@ def arguments() -> dict[str, tuple[Any, ...]]:
     f32, i32, u8 = np.zeros(4, np.float32), np.zeros(4, np.int32), np.zeros(4, np.uint8)
     f32x3 = np.zeros((4, 3), np.float32)
     rays = RayArrays(f32x3, i32, f32, f32, f32, f32x3)
-    frame = FrameArrays(i32, f32, np.zeros(4, np.uint16), np.zeros((4, 3), np.uint8), u8, i32, i32)
+    colours = np.zeros((4, 3), np.uint8)
+    lobes = (f32x3, f32x3, f32x3, f32x3, f32, f32, i32)
+    frame = FrameArrays(i32, f32, np.zeros(4, np.uint16), colours, u8, i32, i32, *lobes)
+    tone, points = tone_table(), block_points()
     return {
         "_intersect": (tree, np.zeros((4, 7), np.float32), 4, i32, f32x3),
         "_occluded": (tree, np.zeros((4, 7), np.float32), 4, u8),
         "trace_centres": (view, 0, 2, tree, rays),
         "trace_edges": (view, 0, SUB_PIXELS, 4, tree, rays, frame),
         "write_geometry": (0, 4, rays, tables, frame),
-        "shade": (view, 1.0, 4, rays, tables, tone_table(), 4.0),
-        "encode": (0, 4, rays, srgb_table(), frame),
+        "shade": (view, 1.0, 4, rays, tables),
+        "reflect_centres": (view, 0, 4, tree, rays, tables, points, frame),
+        "reflect_edges": (view, 0, 8, 4, tree, rays, tables, points, tone, 4.0, frame),
+        "smooth": (True, view, tables, frame),
+        "finish": (tables, tone, 4.0, srgb_table(), frame),
+        "mark_mirrored": (view, frame),
         "clear": (frame,),
         "mark_edges": (view, tables.surface, tables.normal, frame),
         "mark_thin": (triangles, view, frame),
