@@ -18,6 +18,8 @@ _WINDOW = np.array([0.5, 1.0, 1.0, 1.0, 0.5])
 _REACH = 1.5
 #: Added to the variance of the texels' places (texels²), so that one or two texels give no wild slope.
 _RIDGE = 0.1
+#: The first unknown texel beside known ones gets at least this part of their light.
+_LEAST = 0.5
 #: Cells beyond the covered ones that get a value, for look-up with rounding errors and for mip-maps.
 _RINGS = 2
 #: Texels per piece of work.
@@ -80,7 +82,7 @@ def _smooth(
                 out[i, c] = light[i, c]
             continue
         noise = 2.0 * spread_sum / max(count, 1)
-        total = mx = my = 0.0
+        total = mx = my = xx = yy = xy = 0.0
         for dy in range(-half, half + 1):
             for dx in range(-half, half + 1):
                 j = near[dy + half, dx + half]
@@ -99,19 +101,17 @@ def _smooth(
                 total += weight
                 mx += weight * dx
                 my += weight * dy
+                xx += weight * dx * dx
+                yy += weight * dy * dy
+                xy += weight * dx * dy
         if total <= 0.0:
             for c in range(3):
                 out[i, c] = light[i, c]
             continue
         mx, my = mx / total, my / total
-        xx = yy = ridge * total
-        xy = 0.0
-        for dy in range(-half, half + 1):
-            for dx in range(-half, half + 1):
-                weight = weights[dy + half, dx + half]
-                xx += weight * (dx - mx) ** 2
-                yy += weight * (dy - my) ** 2
-                xy += weight * (dx - mx) * (dy - my)
+        xx += total * (ridge - mx * mx)
+        yy += total * (ridge - my * my)
+        xy -= total * mx * my
         det = xx * yy - xy * xy
         slope_x, slope_y = (yy * mx - xy * my) / det, (xx * my - xy * mx) / det
         sums = np.zeros(3)
@@ -194,6 +194,7 @@ def _fill(
     width: NDArray[np.int64],
     height: NDArray[np.int64],
     rings: int,
+    least: float,
     first: int,
     last: int,
 ) -> None:
@@ -210,8 +211,10 @@ def _fill(
             number += 1
     fresh = np.zeros((count, 3), dtype=np.float32)
     done = np.empty(count, dtype=np.int64)
+    ring = -1
     while number > 0 and rings != 0:
         rings -= 1
+        ring += 1
         filled = left = 0
         for n in range(number):
             i = waiting[n]
@@ -230,8 +233,17 @@ def _fill(
                         continue
                     weight = 1.0 / (dx * dx + dy * dy)
                     total += weight
+                    # Light goes on falling as it fell between the two texels before. It does not go on rising: what
+                    # is beside a lamp is bright enough.
+                    far = j
+                    y, x = y + dy, x + dx
+                    if ring == 0 and 0 <= y < height[p] and 0 <= x < width[p]:
+                        far = index[offset[p] + y * width[p] + x]
+                        if far < 0 or not known[far] or chart[far] != chart[i]:
+                            far = j
                     for c in range(3):
-                        sums[c] += weight * light[j, c]
+                        ahead = 2.0 * light[j, c] - light[far, c]
+                        sums[c] += weight * min(max(ahead, least * light[j, c]), light[j, c])
             if total > 0.0:
                 for c in range(3):
                     fresh[filled, c] = sums[c] / total
@@ -261,6 +273,8 @@ def fill(
 ) -> F32:
     """A copy of (N, 3) ``light`` in which unknown texels take the light of the nearest known ones of their chart.
 
+    In the first ring of unknown texels light that falls goes on falling linearly, up to a contact.
+
     ``rings`` limits how many texels deep; negative: no limit. ``workers`` threads do it; the result does not depend on
     them.
     """
@@ -272,7 +286,7 @@ def fill(
 
     def flood(number: int, _: int) -> None:
         own = (begin[number], begin[number + 1])
-        _fill(out, is_known, chart, texels.cell, texels.index, part, *maps, rings, *own)
+        _fill(out, is_known, chart, texels.cell, texels.index, part, *maps, rings, _LEAST, *own)
 
     in_chunks(flood, len(sheet.width), 1, workers)
     return out
