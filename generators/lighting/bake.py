@@ -66,8 +66,6 @@ _FAINT = 0.08
 _FAINT_PATCH = 0.16
 #: Parts that are unwrapped at once: xatlas starts a thread per core for each, and more parts get into each other's way.
 _UNWRAPPERS = 4
-#: Differences of this many standard deviations count as noise.
-_REACH = 3.0
 
 
 def bake(scene: Scene, *, quality: str = "standard", workers: int = 2, device: str = "cpu") -> Scene:
@@ -296,4 +294,4 @@ def _smoothed(
 ) -> F32:
     light, variance = baked
     variance = np.where(blocks.of >= 0, variance, -1.0).astype(np.float32)
-    return smooth(surfaces, sheet, texels, light, variance, _REACH, workers=workers)
+    return smooth(surfaces, sheet, texels, light, variance, workers=workers)

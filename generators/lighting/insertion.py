@@ -182,7 +182,7 @@ def gather_light(objects: Objects, room: Surroundings) -> Gathered:
     in_chunks(work, count, CHUNK, WORKERS)
     closed = np.float32(-1.0)
     shadow_noise = np.where(buried, closed, shadow_noise)
-    direct = smooth(objects.surfaces, objects.sheet, texels, direct, shadow_noise, 2.0)
+    direct = smooth(objects.surfaces, objects.sheet, texels, direct, shadow_noise)
     return Gathered(direct, np.where(buried, closed, noise), face, v, w, links, ~buried)
 
 
@@ -205,6 +205,6 @@ def light_on(objects: Objects, room: LitScene, gathered: Gathered) -> F32:
         bounced = np.where(links[..., None] >= 0, radiance[links], np.float32(0.0))
         light = gathered.direct + arrived
         light[linked] += bounced.mean(axis=1)
-    indirect = smooth(objects.surfaces, objects.sheet, texels, light - gathered.direct, gathered.noise, 3.0)
+    indirect = smooth(objects.surfaces, objects.sheet, texels, light - gathered.direct, gathered.noise)
     filled = fill(objects.surfaces, objects.sheet, texels, gathered.direct + indirect, gathered.is_open)
     return spread(objects.sheet, texels, filled)

@@ -199,7 +199,7 @@ def _lost_light(room: Surroundings, objects: Objects, distance: F32, cells: F32)
     in_chunks(around, len(near), CHUNK, WORKERS)
     in_chunks(in_sun, len(sunny), CHUNK * 4, WORKERS)
     noise = np.where(known, noise, np.float32(-1.0))
-    lost = smooth(base.surfaces, base.sheet, texels, lost, noise, 3.0, near)
+    lost = smooth(base.surfaces, base.sheet, texels, lost, noise, near)
     fade = np.clip((REACH - distance) / (REACH * _FADE), 0.0, 1.0)
     fade = fade * fade * (3 - 2 * fade)
     return lost * fade[:, None] + beam, known

@@ -14,6 +14,12 @@ from generators.lighting.texels import Sheet, Texels
 
 #: Weights over five texels that give each of the four columns (rows) of a tile the same share.
 _WINDOW = np.array([0.5, 1.0, 1.0, 1.0, 0.5])
+#: Differences of this many standard deviations count as noise. The rays are stratified: they have less of it.
+_REACH = 1.5
+#: Added to the variance of the texels' places (texels²), so that one or two texels give no wild slope.
+_RIDGE = 0.1
+#: The first unknown texel beside known ones gets at least this part of their light.
+_LEAST = 0.5
 #: Cells beyond the covered ones that get a value, for look-up with rounding errors and for mip-maps.
 _RINGS = 2
 #: Texels per piece of work.
@@ -36,10 +42,12 @@ def _smooth(
     height: NDArray[np.int64],
     window: Any,
     reach: float,
+    ridge: float,
     out: F32,
 ) -> None:
     half = len(window) // 2
     near = np.empty((len(window), len(window)), dtype=np.int64)
+    weights = np.empty((len(window), len(window)))
     for i in chosen:
         p = part[i]
         local = cell[i] - offset[p]
@@ -74,11 +82,11 @@ def _smooth(
                 out[i, c] = light[i, c]
             continue
         noise = 2.0 * spread_sum / max(count, 1)
-        total = 0.0
-        sums = np.zeros(3)
+        total = mx = my = xx = yy = xy = 0.0
         for dy in range(-half, half + 1):
             for dx in range(-half, half + 1):
                 j = near[dy + half, dx + half]
+                weights[dy + half, dx + half] = 0.0
                 if j < 0:
                     continue
                 facing = difference = 0.0
@@ -89,11 +97,37 @@ def _smooth(
                 # Differences well above the noise are edges of shadows: they stay.
                 if dx != 0 or dy != 0:
                     weight *= np.exp(-difference * difference / (2.0 * reach * reach * noise + 1e-12))
+                weights[dy + half, dx + half] = weight
                 total += weight
+                mx += weight * dx
+                my += weight * dy
+                xx += weight * dx * dx
+                yy += weight * dy * dy
+                xy += weight * dx * dy
+        if total <= 0.0:
+            for c in range(3):
+                out[i, c] = light[i, c]
+            continue
+        mx, my = mx / total, my / total
+        xx += total * (ridge - mx * mx)
+        yy += total * (ridge - my * my)
+        xy -= total * mx * my
+        det = xx * yy - xy * xy
+        slope_x, slope_y = (yy * mx - xy * my) / det, (xx * my - xy * mx) / det
+        sums = np.zeros(3)
+        lowest, highest = np.full(3, np.inf), np.zeros(3)
+        for dy in range(-half, half + 1):
+            for dx in range(-half, half + 1):
+                weight = weights[dy + half, dx + half]
+                if weight == 0.0:
+                    continue
+                j = near[dy + half, dx + half]
+                weight *= 1.0 / total - slope_x * (dx - mx) - slope_y * (dy - my)
                 for c in range(3):
                     sums[c] += weight * light[j, c]
+                    lowest[c], highest[c] = min(lowest[c], light[j, c]), max(highest[c], light[j, c])
         for c in range(3):
-            out[i, c] = sums[c] / total if total > 0.0 else light[i, c]
+            out[i, c] = min(max(sums[c], lowest[c]), highest[c])
 
 
 def smooth(
@@ -102,11 +136,14 @@ def smooth(
     texels: Texels,
     light: F32,
     variance: F32,
-    reach: float,
     chosen: NDArray[np.int64] | None = None,
     workers: int = 1,
 ) -> F32:
     """Average (N, 3) ``light`` over tiles of texels of one surface, as far as its differences may be noise.
+
+    The average is a weighted linear regression over the place: at the edge of a surface and beside what stands on it,
+    where all texels lie on one side, a mean would take light from farther away (J. Fan & I. Gijbels, "Local polynomial
+    modelling and its applications", 1996, section 3.2.5). With texels all round it is the mean.
 
     Args:
         surfaces: the faces.
@@ -114,7 +151,6 @@ def smooth(
         texels: the texels.
         light: (N, 3).
         variance: (N,) of the luminance of ``light``; negative: the texel has no light of its own.
-        reach: differences of this many standard deviations count as noise.
         chosen: indices of the texels to smooth, the others stay; all if missing.
         workers: threads; the result does not depend on them.
     """
@@ -137,7 +173,8 @@ def smooth(
             sheet.width,
             sheet.height,
             _WINDOW,
-            reach,
+            _REACH,
+            _RIDGE,
             out,
         )
 
@@ -157,6 +194,7 @@ def _fill(
     width: NDArray[np.int64],
     height: NDArray[np.int64],
     rings: int,
+    least: float,
     first: int,
     last: int,
 ) -> None:
@@ -173,8 +211,10 @@ def _fill(
             number += 1
     fresh = np.zeros((count, 3), dtype=np.float32)
     done = np.empty(count, dtype=np.int64)
+    ring = -1
     while number > 0 and rings != 0:
         rings -= 1
+        ring += 1
         filled = left = 0
         for n in range(number):
             i = waiting[n]
@@ -193,8 +233,17 @@ def _fill(
                         continue
                     weight = 1.0 / (dx * dx + dy * dy)
                     total += weight
+                    # Light goes on falling as it fell between the two texels before. It does not go on rising: what
+                    # is beside a lamp is bright enough.
+                    far = j
+                    y, x = y + dy, x + dx
+                    if ring == 0 and 0 <= y < height[p] and 0 <= x < width[p]:
+                        far = index[offset[p] + y * width[p] + x]
+                        if far < 0 or not known[far] or chart[far] != chart[i]:
+                            far = j
                     for c in range(3):
-                        sums[c] += weight * light[j, c]
+                        ahead = 2.0 * light[j, c] - light[far, c]
+                        sums[c] += weight * min(max(ahead, least * light[j, c]), light[j, c])
             if total > 0.0:
                 for c in range(3):
                     fresh[filled, c] = sums[c] / total
@@ -224,6 +273,8 @@ def fill(
 ) -> F32:
     """A copy of (N, 3) ``light`` in which unknown texels take the light of the nearest known ones of their chart.
 
+    In the first ring of unknown texels light that falls goes on falling linearly, up to a contact.
+
     ``rings`` limits how many texels deep; negative: no limit. ``workers`` threads do it; the result does not depend on
     them.
     """
@@ -235,7 +286,7 @@ def fill(
 
     def flood(number: int, _: int) -> None:
         own = (begin[number], begin[number + 1])
-        _fill(out, is_known, chart, texels.cell, texels.index, part, *maps, rings, *own)
+        _fill(out, is_known, chart, texels.cell, texels.index, part, *maps, rings, _LEAST, *own)
 
     in_chunks(flood, len(sheet.width), 1, workers)
     return out

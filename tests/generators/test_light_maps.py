@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from generators.assets.shapes import MeshBuilder
-from generators.core.scene import Part, Scene, Support
+from generators.core.rays import Tracer
+from generators.core.scene import Part, Room, Scene, Support
 from generators.lighting import resolution
-from generators.lighting.bake import QUALITIES, bake
+from generators.lighting.bake import QUALITIES, bake, insert
 from generators.lighting.resolution import lay_out
-from tests.generators.test_light import area_of, box_room, ceiling_lamp, matte, samples, scene_of
+from tests.generators.test_light import LAMP, area_of, box_room, ceiling_lamp, matte, samples, scene_of
 
 SIDE = 2.0
 FINENESS = QUALITIES["standard"].fineness
@@ -77,3 +78,36 @@ def test_light_of_small_parts_is_that_of_finer_maps(monkeypatch: pytest.MonkeyPa
         assert np.median(error) < 0.05
         assert np.mean(error) < 0.08
     assert area_of(baked.parts[0].mesh) < 0.07
+
+
+def lamp_light(points: np.ndarray, tracer: Tracer, side: float, height: float, radiance: float) -> np.ndarray:
+    """(N,) light of a square ceiling lamp on a floor's points past what stands there, summed over 64 × 64 points."""
+    along = ((np.arange(64) + 0.5) / 64 - 0.5) * side + SIDE / 2
+    lamp = np.stack([each.ravel() for each in np.meshgrid(along, [height], along)], axis=1)
+    out = []
+    for point in points:
+        way = lamp - point
+        square = (way**2).sum(axis=1)
+        origins = np.tile(point + (0.0, 1e-4, 0.0), (len(lamp), 1)).astype(np.float32)
+        hidden = tracer.occluded(origins, way.astype(np.float32), np.full(len(lamp), 0.999, dtype=np.float32))
+        out.append(radiance / np.pi * (side / 64) ** 2 * (way[:, 1] ** 2 / square**2)[~hidden].sum())
+    return np.array(out)
+
+
+@pytest.mark.parametrize("inserted", [False, True])
+def test_contact_shadow_agrees_with_a_sum_over_the_lamp(inserted: bool) -> None:
+    """Under a lamp as large as the ceiling, in a black room: the light within 5 cm of a box, of home or inserted."""
+    shell, lamp = box_room(matte(0.0), (SIDE, SIDE, SIDE)).build(), ceiling_lamp(1.0, 1.0, 1.9, 1.98)
+    box = Part("box", MeshBuilder().box((0.2, 0.3, 0.2), (1.05, 0.15, 1.02), matte(0.0), bevel=0.004).build(), 1)
+    room = Room("room", (0.0, 0.0, 0.0), (SIDE, SIDE, SIDE))
+    if inserted:
+        placed = insert(bake(scene_of(shell, lamp, rooms=(room,)), workers=1), (box,))
+    else:
+        placed = bake(scene_of(shell, lamp, box.mesh, rooms=(room,)), workers=1)
+    points, normals, light = samples(placed.parts[0], 60000)
+    gap = np.linalg.norm(np.maximum(np.abs(points[:, [0, 2]] - (1.05, 1.02)) - 0.1, 0.0), axis=1)
+    tracer = Tracer(box.mesh.positions)
+    for low, high, limit in ((0.002, 0.01, 0.1), (0.01, 0.05, 0.04)):
+        near = np.flatnonzero((normals[:, 1] > 0.9) & (gap > low) & (gap < high))[:200]
+        truth = lamp_light(points[near], tracer, 1.9, 1.98, LAMP.emission[0])
+        assert np.abs(light[near, 0] - truth).mean() < limit * truth.mean()
