@@ -100,8 +100,8 @@ def test_kinds_of_material_have_figures_of_their_own() -> None:
 
 def test_materials_are_sorted_by_how_they_reflect() -> None:
     materials = {
-        "diffuse": [matte(0.5), matte(0.5, roughness=0.7)],
-        "glossy": [matte(0.5, roughness=0.4), matte(0.5, clearcoat=1.0)],
+        "diffuse": [matte(0.5), matte(0.5, roughness=0.95)],
+        "glossy": [matte(0.5, roughness=0.64), matte(0.5, clearcoat=1.0)],
         "metal": [matte(0.5, roughness=0.4, metallic=1.0), matte(0.5, roughness=0.9, metallic=1.0)],
         "glass": [matte(0.5, roughness=0.1, transmission=0.9)],
     }
