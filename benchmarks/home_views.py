@@ -1,8 +1,8 @@
 """Views of homes that no manifest uses: chosen once, rendered by any version of the generator.
 
-    python -m benchmarks.home_views choose -o build/views.json
-    python -m benchmarks.home_views render build/views.json -o build/now
-    python -m benchmarks.home_views render build/views.json -o build/traced --vision pathtraced
+    python -m benchmarks.home_views choose -o docs/results/home-views.json
+    python -m benchmarks.home_views render docs/results/home-views.json -o build/now
+    python -m benchmarks.home_views render docs/results/home-views.json -o build/traced --vision pathtraced
     python -m benchmarks.home_views sheet build/before build/now build/traced -o docs/images/homes.jpg
 
 ``choose`` writes seeds and poses; ``render`` reads them, so that an older version of the project renders the same

@@ -54,8 +54,11 @@ RESULTS = Path(__file__).parents[1] / "docs" / "results" / "light-reference.json
 CLASSES = ("walls", "floor", "ceiling", "furniture", "objects")
 #: Kinds of material in the order of the tables.
 KINDS = ("diffuse", "glossy", "metal", "glass")
-#: Roughness below which a material is glossy, and shares from which it is metal, glass, or glossy by its clear layer.
-GLOSSY_ROUGHNESS, METAL, GLASS, COATED = 0.6, 0.5, 0.1, 0.1
+#: Roughness below which a material is glossy (boards of 0.64 reflect a window seen at a low angle), and shares from
+#: which it is metal, glass, or glossy by its clear layer.
+GLOSSY_ROUGHNESS, METAL, GLASS, COATED = 0.9, 0.5, 0.1, 0.1
+#: Pictures whose mean is the reference, and the most that one of them has over the median of all.
+PARTS, MOST_OVER = 8, 3.0
 #: Largest median difference that is aimed at, by kind.
 AIMS = {"all": 0.08, "diffuse": 0.04}
 #: Rays per pixel of our picture along each axis.
@@ -149,6 +152,18 @@ def pooled(view: Comparison, radius: int = POOL) -> Comparison:
             total[(slice(None), *here)] += np.where(same[..., None], pictures[(slice(None), *there)], 0.0)
     mean = (total / number[..., None]).astype(np.float32)
     return replace(view, ours=mean[0], halves=mean[1:])
+
+
+def without_fireflies(parts: F32) -> F32:
+    """Halves (2, H, W, 3) of a reference, from pictures (N, H, W, 3) with independent paths, N even.
+
+    Where one of them is brighter than `MOST_OVER` times the median of all, it is darkened to that: a few very bright
+    paths (the sun by way of two mirrors) would hide what is compared. Path-traced pictures leave such light out, too.
+    """
+    bright = luminance(parts)
+    share = np.minimum(1.0, MOST_OVER * np.median(bright, axis=0) / np.maximum(bright, 1e-9))
+    kept = parts * share[..., None]
+    return np.asarray(kept.reshape(2, len(parts) // 2, *parts.shape[1:]).mean(axis=1), dtype=np.float32)
 
 
 def agreement(views: Sequence[Comparison], label: int | None = None, kind: int | None = None) -> Agreement:
@@ -264,7 +279,7 @@ def compare(
         room: the room that the poses lie in, None for any.
         poses: of the camera.
         size: of the pictures (pixels); the field of view is 90°.
-        samples: paths per pixel of each half.
+        samples: paths per pixel of each of `PARTS` pictures that the reference is the mean of.
     """
     from generators.vision.mitsuba_scene import MitsubaScene
 
@@ -273,8 +288,9 @@ def compare(
     views = []
     for number, pose in enumerate(poses):
         ours, label, kind, plane = our_picture(scene, pose, camera)
-        halves = [reference.render(pose, camera, samples, seed=2 * number + half) for half in range(2)]
-        views.append(Comparison(ours, np.stack(halves), label, kind, plane))
+        seeds = range(PARTS * number, PARTS * (number + 1))
+        parts = np.stack([reference.render(pose, camera, samples, seed=seed) for seed in seeds])
+        views.append(Comparison(ours, without_fireflies(parts), label, kind, plane))
     return views
 
 
@@ -461,7 +477,7 @@ def main(
             earlier = None if before is None else load_earlier(before / f"{file}.npz")
             scene, room, poses = prepared_room(key, cache or default_cache(), matte=matte)
             chosen = wide_views(scene, poses, views) if earlier is None else earlier.poses
-            found = compare(mi, scene, room, chosen, size=size, samples=spp // 2)
+            found = compare(mi, scene, room, chosen, size=size, samples=max(1, spp // PARTS))
             save(output / f"{file}.npz", found, chosen, scene.gains)
             rooms[key] = [pooled(view) for view in found]
             picture = sheet(found, scene.gains, () if earlier is None else tuple(earlier.pictures))

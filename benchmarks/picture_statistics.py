@@ -2,7 +2,8 @@
 
     python -m benchmarks.picture_statistics --dataset data/open-s34-o7 --homes 5 --name 4.0.0
     python -m benchmarks.picture_statistics --manifest scenes_manifest/open-s34-o7.yaml --name 4.0.0
-    python -m benchmarks.picture_statistics --pictures photographs --name photographs
+    python -m benchmarks.picture_statistics --pictures FOLDER --name photographs
+    python -m benchmarks.picture_statistics --panorama lebombo_1k.jpg --name "photograph of a room"
 
 Writes the figures of ``--name`` into docs/results/picture-statistics.json, beside those of other names, and prints a
 table of all. Of each picture:
@@ -17,6 +18,10 @@ table of all. Of each picture:
   Soc. Am. A 4(12), 1987, found 1/f² in power; see `PUBLISHED` for others.
 - noise: J. Immerkær, "Fast noise variance estimation", Computer Vision and Image Understanding 64(2), 1996, in blocks
   of 8 × 8 pixels without clipped ones; the lower quartile of the blocks, in steps of 8 bits.
+
+A panorama (equirectangular) is seen as our cameras would: 90°, `YAWS` directions, `SIZE` pixels. Of a panorama 1,024
+pixels wide that is its own resolution. viser, of [inspect], brings three of interiors in ``_assets/hdri`` (Poly Haven,
+CC0): lebombo, st_fagans_interior, empty_warehouse_01.
 
 ``--homes N`` also puts a grey card (18 %) into the middle of each room of N homes that no manifest uses: the five upper
 faces of a cube, rendered without the camera's noise. Figures are red over green and blue over green of the mean of the
@@ -58,6 +63,8 @@ _GAIN = 6.0
 BLOCK = 8
 #: Frames of each observation of a dataset that are measured: every so-many-th.
 EVERY = 8
+#: Directions (degrees) and pitch (degrees) of the views of a panorama.
+YAWS, TILT = (0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0), -10.0
 #: Side (pixels) and frames of an observation that is made for ``--manifest``.
 SIZE, FRAMES = 252, 9
 #: Side of the grey cube and height of its middle (m), its reflectance, side of its pictures (pixels).
@@ -155,6 +162,28 @@ def pictures_of(folder: Path) -> Iterator[Picture]:
             picture = cv2.imread(str(path))
             if picture is not None:
                 yield np.asarray(picture[..., ::-1], dtype=np.uint8)
+
+
+def views_of(panorama: Path) -> Iterator[Picture]:
+    """Views (SIZE, SIZE, 3) of an equirectangular picture.
+
+    Raises:
+        Avs3dError: if the file holds no picture that is twice as wide as high.
+    """
+    found = cv2.imread(str(panorama))
+    if found is None or found.shape[1] != 2 * found.shape[0]:
+        raise Avs3dError(f"{panorama}: expected an equirectangular picture, twice as wide as high")
+    axis = (np.arange(SIZE) + 0.5) / SIZE * 2 - 1
+    x, y = np.meshgrid(axis, -axis)
+    tilt = np.radians(TILT)
+    up, ahead = y * np.cos(tilt) + np.sin(tilt), np.cos(tilt) - y * np.sin(tilt)
+    row = (0.5 - np.arctan2(up, np.hypot(x, ahead)) / np.pi) * found.shape[0] - 0.5
+    for yaw in YAWS:
+        turn = np.arctan2(x, ahead) + np.radians(yaw)
+        column = (turn / (2 * np.pi) * found.shape[1] - 0.5) % found.shape[1]
+        maps = column.astype(np.float32), row.astype(np.float32)
+        view = cv2.remap(found, *maps, interpolation=cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+        yield np.asarray(view[..., ::-1], dtype=np.uint8)
 
 
 def frames_of(root: Path) -> Iterator[Picture]:
@@ -268,6 +297,9 @@ def table(results: Mapping[str, Mapping[str, Any]]) -> str:
     "--manifest", type=click.Path(exists=True, path_type=Path), help="Manifest, of which small frames are made."
 )
 @click.option("--pictures", type=click.Path(exists=True, path_type=Path), help="Folder of pictures.")
+@click.option(
+    "--panorama", "panoramas", multiple=True, type=click.Path(exists=True, path_type=Path), help="Repeatable."
+)
 @click.option("--only", multiple=True, help="Of --manifest: shell pattern of observation keys; repeatable [all].")
 @click.option("--vision", default=None, help="Of --manifest: renderer.")
 @click.option("--homes", default=0, show_default=True, help="Homes with a grey card in each room.")
@@ -277,6 +309,7 @@ def main(
     dataset: Path | None,
     manifest: Path | None,
     pictures: Path | None,
+    panoramas: tuple[Path, ...],
     only: tuple[str, ...],
     vision: str | None,
     homes: int,
@@ -291,8 +324,10 @@ def main(
         sources.append(frames_of_manifest(manifest, only, vision))
     if pictures is not None:
         sources.append(pictures_of(pictures))
+    if panoramas:
+        sources.append(picture for panorama in panoramas for picture in views_of(panorama))
     if len(sources) != 1:
-        raise click.UsageError("name one of --dataset, --manifest and --pictures")
+        raise click.UsageError("name one of --dataset, --manifest, --pictures and --panorama")
     try:
         found = summary([statistics(picture) for picture in sources[0]])
         if homes:
@@ -302,6 +337,8 @@ def main(
     results = (read_json(output) if output.exists() else {}) | {name: found}
     write_bytes(output, (json.dumps(results, indent=1) + "\n").encode())
     click.echo(table(results))
+    for source, slope in PUBLISHED.items():
+        click.echo(f"{source}: slope {slope}")
 
 
 if __name__ == "__main__":

@@ -49,14 +49,14 @@ Table = Mapping[str, Mapping[str, float]]
 
 
 def generate_here(root: Path, vision: Any, samples: int, **options: Any) -> None:
-    """Generate the observations in this process, so that the number of paths can be chosen; finished ones are kept."""
+    """Generate observations in this process, so that the number of paths can be chosen; finished ones are kept."""
     from generators.core.folders import default_cache
     from generators.observation.generate import generate_observation
     from generators.options import GenerateOptions
     from generators.plan import make_plans, read_manifest
     from generators.vision import pathtraced
 
-    chosen = GenerateOptions(vision=vision, audio="tracer", only=OBSERVATIONS, **options)
+    chosen = GenerateOptions(vision=vision, audio="tracer", **options)
     for plan in make_plans(read_manifest(MANIFEST), chosen):
         if (root / plan.key / "observation.json").exists():
             continue
@@ -127,12 +127,15 @@ def comparisons(tables: Mapping[str, Table]) -> dict[str, dict[str, Any]]:
 @click.option("--samples", default=8, show_default=True, help="Paths per pixel.")
 @click.option("--iterations", default=0, show_default=True, help="Of EchoSegnet's training; 0: without EchoSegnet.")
 @click.option("--device", type=click.Choice(["cpu", "cuda"]), default="cpu", show_default=True)
-def main(output: Path, record: Path, size: int, frames: int, samples: int, iterations: int, device: Any) -> None:
+@click.option("--only", multiple=True, default=OBSERVATIONS, help="Keys of other observations; repeatable [twelve].")
+def main(
+    output: Path, record: Path, size: int, frames: int, samples: int, iterations: int, device: Any, only: Any
+) -> None:
     """Generate, score and compare."""
     roots = [output / name for name in PICTURES]
     try:
         for root in roots:
-            generate_here(root, PICTURES[root.name], samples, size=size, frames=frames, device=device)
+            generate_here(root, PICTURES[root.name], samples, size=size, frames=frames, device=device, only=only)
         score(roots, output / "scores", device=device, iterations=iterations)
     except Avs3dError as error:
         raise click.ClickException(str(error)) from None
@@ -145,7 +148,7 @@ def main(output: Path, record: Path, size: int, frames: int, samples: int, itera
     figures = {
         "settings": {
             "size": size, "frames": frames, "samples": samples, "iterations": iterations, "device": device,
-            "note": homes_note([parse_key(key).scan for key in OBSERVATIONS]),
+            "note": homes_note([parse_key(key).scan for key in tables["baked"]["2d"]]),
         },
         "strict IoU": tables,
         "differences": found,

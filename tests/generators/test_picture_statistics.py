@@ -11,7 +11,16 @@ from click.testing import CliRunner
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.files import read_json
-from benchmarks.picture_statistics import card_colours, is_neutral, main, noise, spectral_slope, statistics, summary
+from benchmarks.picture_statistics import (
+    card_colours,
+    is_neutral,
+    main,
+    noise,
+    spectral_slope,
+    statistics,
+    summary,
+    views_of,
+)
 from generators.assets.shapes import MeshBuilder
 from generators.core.scene import Material, Room
 from generators.lighting.bake import bake
@@ -91,6 +100,21 @@ def test_figures_of_a_folder_are_added_to_those_of_other_names(tmp_path: Path) -
     assert "| other | 3 |" in done.output
     with pytest.raises(Avs3dError, match="no pictures"):
         summary([])
+
+
+def test_views_of_a_panorama_look_where_they_should(tmp_path: Path) -> None:
+    # Columns tell the direction, rows the elevation.
+    column = np.repeat(np.arange(512)[None] // 2, 256, axis=0)
+    row = np.repeat(np.arange(256)[:, None], 512, axis=1)
+    cv2.imwrite(str(tmp_path / "sky.png"), np.stack([column, row, row], axis=2).astype(np.uint8))
+    views = list(views_of(tmp_path / "sky.png"))
+    assert len(views) == 8
+    middle = views[2][125:127, 125:127].reshape(-1, 3).mean(axis=0)  # 90° to the right, 10° down; channels are RGB
+    assert middle == pytest.approx([128 + 256 / 18, 128 + 256 / 18, 64], abs=1.5)
+    left = views[2][125:127, :2].reshape(-1, 3).mean(axis=0)
+    assert left[2] == pytest.approx(32, abs=2.0)
+    with pytest.raises(Avs3dError, match="twice as wide as high"):
+        list(views_of(Path(__file__)))
 
 
 @pytest.mark.parametrize("lamp", [(6.0, 6.0, 6.0), (8.0, 6.0, 4.0)])
