@@ -63,6 +63,8 @@ SOFT: dict[Place, dict[str, tuple[tuple[float, float], tuple[float, float]]]] = 
 _SOFT_FLAT, _SOFT_SLACK = 0.04, 0.05
 #: Height from which the middle of a piece of upholstery is measured (m).
 _SOFT_TOP = 1.2
+#: Furniture beside which people put things down.
+_STANDING = ("sofa", "bed", "nightstand", "desk", "sideboard", "tv_stand", "bookshelf", "wardrobe", "shoe_cabinet")
 #: Cosine above which a side of a piece is its front, before which nothing stands.
 _FRONT = 0.5
 #: Gap between a thing on the floor and the furniture beside which it stands (m).
@@ -293,7 +295,7 @@ class _Placer:
 
     def _beside(self, kind: ClutterKind, thing: Furniture) -> list[_Candidate]:
         """Places on the floor beside the furniture."""
-        pieces = [p for p in self._room.placed if p.furniture.mount == "floor" and not p.flat]
+        pieces = [p for p in self._room.placed if p.furniture.kind in _STANDING]
         out = []
         for index in self._rng.integers(len(pieces), size=_DRAWS) if pieces else ():
             piece, side = pieces[int(index)], int(self._rng.integers(4))
@@ -391,8 +393,8 @@ class _Placer:
             out.append(_moved(thing, face.frame.point(along, height, min(face.proud, 0.0)), face.frame.yaw))
         if high[2] > _AIR / 2 and self._room.doorways:
             ways = [np.array(ends) for ends in zip(*((low, high) for _, low, high in self._room.doorways), strict=True)]
-            blocks = overlaps(np.array([c.low for c in out]), np.array([c.high for c in out]), *ways).any(axis=1)
-            out = [c for c, is_blocking in zip(out, blocks, strict=True) if not is_blocking]
+            meets = overlaps(np.array([c.low for c in out]), np.array([c.high for c in out]), *ways)
+            out = [c for c, blocks in zip(out, meets, strict=True) if not blocks.any()]
         return out
 
     # -- tests -------------------------------------------------------------------------------------------------------
