@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 from generators.apartments.floorplan import SIDES
 from generators.apartments.furnish import furnish
 from generators.apartments.interior.arrange import Arranger
+from generators.apartments.interior.clutter import add_clutter
 from generators.apartments.interior.pieces import Placed
 from generators.apartments.planning import make_floor_plan
 from generators.apartments.shell import build_shell
 from generators.assets.materials import Palette
 from generators.assets.shapes import rotation
 from generators.assets.styles import STYLES
+from generators.core.rays import RayCaster
 from generators.core.scene import Part, Room, Scene, Support
 
 Array = NDArray[np.float64]
@@ -137,8 +139,8 @@ def build_apartment(name: str, seed: int, workers: int = 1) -> Scene:
         workers: threads; the flat does not depend on them.
 
     Returns:
-        A scene of one part per room's shell (``shell_<room>``), one per piece of furniture (``<room>/<kind>_<n>``), all
-        with instance id 0.
+        A scene of one part per room's shell (``shell_<room>``), one per piece of furniture and small
+        thing (``<room>/<kind>_<n>``), all with instance id 0.
     """
     plan_rng, palette_rng, shell_rng, furniture_rng = (
         np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(4)
@@ -150,8 +152,8 @@ def build_apartment(name: str, seed: int, workers: int = 1) -> Scene:
         # Textures take longest: other threads draw them while this one builds the meshes.
         if pool is not None:
             palette.prepare(pool)
-        furnished = [
-            _furnished(furnish(plan, room, palette, seed, rng))
+        arranged = [
+            furnish(plan, room, palette, seed, rng)
             for room, rng in zip(plan.rooms, furniture_rng.spawn(len(plan.rooms)), strict=True)
         ]
         parts = list(build_shell(plan, palette, shell_rng))
@@ -159,8 +161,11 @@ def build_apartment(name: str, seed: int, workers: int = 1) -> Scene:
         if pool is not None:
             pool.shutdown(cancel_futures=True)
     supports: list[Support] = []
-    for own, places in furnished:
+    for own, places in map(_furnished, arranged):
         parts += own
         supports += places
+    caster = RayCaster(np.concatenate([part.mesh.positions for part in parts]))
+    for room in arranged:
+        parts += add_clutter(room, caster, [place for place in supports if place.room == room.room.name])
     rooms = tuple(Room(r.name, (r.x0, 0.0, r.z0), (r.x1, plan.height, r.z1)) for r in plan.rooms)
     return Scene(name, tuple(parts), rooms, tuple(supports))

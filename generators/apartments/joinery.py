@@ -40,14 +40,14 @@ _SKIES = ((1.0, 1.0, 1.0), (1.03, 1.0, 0.95), (0.95, 0.99, 1.06))
 _PANE_COLOUR, _PANE_ROUGHNESS = (0.04, 0.04, 0.04), 0.01
 
 #: Depth of a window's frame before its panes (m).
-_FRAME_DEPTH = 0.055
+FRAME_DEPTH = 0.055
 #: Width of the frame round a window, and of the bars between its sashes (m).
 _FRAME_WIDTH, _BAR_WIDTH = 0.065, 0.09
 #: Width of a sash (m), about: a window has as many as fit best.
 _SASH_WIDTH = 0.8
 #: The window sill: how much longer it is than the opening on each side, beside a casing if there is one, its thickness,
 #: and how far it stands out from the wall (m).
-_SILL_NOSE, _SILL_THICK, _SILL_DEPTH = 0.04, 0.03, 0.045
+_SILL_NOSE, _SILL_THICK, SILL_DEPTH = 0.04, 0.03, 0.045
 #: Windows up to this height have no transom (m); half the height of a transom, and how much less deep than the frame it
 #: is (m).
 _LOW_WINDOW, _TRANSOM_HALF, _TRANSOM_INSET = 1.1, 0.03, 0.01
@@ -173,11 +173,11 @@ def window(
     s0, s1 = wall.along(opening.start, opening.stop)
     y0, y1 = opening.bottom, opening.top
     shell.reveal(wall, (s0, s1), (y0, y1), PANE_DEPTH, materials.lining, sill)
-    back, front = -PANE_DEPTH, -PANE_DEPTH + _FRAME_DEPTH
+    back, front = -PANE_DEPTH, -PANE_DEPTH + FRAME_DEPTH
     if style.window_casing:
         _window_casing(shell, wall, (s0, s1), (y0, y1), frame)
     nose = _SILL_NOSE + (CASING_WIDTH if style.window_casing else 0.0)
-    shell.block(wall, (s0 - nose, s1 + nose), (y0 - _SILL_THICK, y0), (0.0, _SILL_DEPTH), sill)
+    shell.block(wall, (s0 - nose, s1 + nose), (y0 - _SILL_THICK, y0), (0.0, SILL_DEPTH), sill)
     corners = ((s0, y0, back), (s1, y0, back), (s1, y1, back), (s0, y1, back))
     shell.sound(np.array([wall.point(*c) for c in corners]), sky[0])
 

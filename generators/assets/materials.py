@@ -12,7 +12,7 @@ import threading
 import zlib
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from avs3d_bench.errors import UsageError
 from generators.assets import finishes
 from generators.assets.styles import STYLES, Style
-from generators.assets.textures import cloth, pictures, surfaces, wood
+from generators.assets.textures import cloth, labels, pictures, surfaces, wood
 from generators.assets.textures.noise import Image, hex_colour, shift_colour, to_linear
 from generators.core.scene import Material, Texture
 
@@ -137,6 +137,11 @@ class Palette:
         if recipe is None:
             raise UsageError(f"unknown material role {role!r}: expected one of {', '.join(_RECIPES)}")
         return self._made.get(role, lambda: recipe(self, STYLES[self.style], role, self.stream(role)))
+
+    def tinted(self, role: str, code: str) -> Material:
+        """The plain material of a role in another colour (``"#rrggbb"``), one object per role and colour."""
+        name = f"{role} {code}"
+        return self._made.get(name, lambda: replace(self.material(role), name=name, colour=_linear(code)))
 
     def prepare(self, pool: Executor) -> None:
         """Let ``pool`` make all materials, those first that take longest and that most flats have.
@@ -415,6 +420,7 @@ _RECIPES: dict[str, Recipe] = {
     "soil": _tinted("plaster", surfaces.soil, "#55432f"),
     "pot": _plain("ceramic", "#b5714d"),
     "pot_white": _plain("ceramic", "#dedbd3", 0.49),
+    "labels": _drawn("paper", labels.label_sheet, 0.7),
     "fruit_orange": _plain("foliage", "#dd8a35", 0.81),
     "fruit_green": _plain("foliage", "#8aa843", 0.81),
     "fruit_red": _plain("foliage", "#b23a32", 0.81),

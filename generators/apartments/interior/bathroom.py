@@ -24,11 +24,11 @@ from generators.assets.furniture import Furniture
 Array = NDArray[np.float64]
 
 #: Place that a washing machine takes at a wall (m): a machine of 0.60 m × 0.60 m × 0.85 m with some play on all sides.
-_MACHINE = Size(width=0.66, depth=0.64, height=0.95)
+MACHINE = Size(width=0.66, depth=0.64, height=0.95)
 #: Distance between the middles of two such places (m), at least.
-_MACHINE_SPACING = 1.0
+MACHINE_SPACING = 1.0
 #: Places for machines and toilets that a bathroom should keep: up to two of each stand there in the benchmark.
-_PLACES = 4
+MACHINE_PLACES = 4
 #: Floor that must remain free.
 _FLOOR = FloorDemand(area=1.2, rectangle=(1.6, 1.8))
 
@@ -82,7 +82,7 @@ _BOARD = 3
 
 def _machine_spots(a: Arranger) -> int:
     """How many washing machines still fit at the walls."""
-    return wall_spots(a, _MACHINE, _MACHINE_SPACING)
+    return wall_spots(a, MACHINE, MACHINE_SPACING)
 
 
 def _spare(a: Arranger, furnish_more: Callable[[], object]) -> None:
@@ -90,7 +90,7 @@ def _spare(a: Arranger, furnish_more: Callable[[], object]) -> None:
     before = a.snapshot()
     spots = _machine_spots(a)
     furnish_more()
-    if _machine_spots(a) < min(spots, _PLACES):
+    if _machine_spots(a) < min(spots, MACHINE_PLACES):
         a.revert(before)
 
 
@@ -162,7 +162,7 @@ def furnish_bathroom(a: Arranger) -> float:
     _spare(a, lambda: a.place("waste_bin", score=lambda s: _SMALL_CORNERED * cornered(s) + by_basin(s)))
     _beside_basin(a, spot)
     shelf_board(a, copy=_BOARD, score=near(tub_spot.centre, _BOARD_NEAR))
-    return min(_machine_spots(a), _PLACES) / _PLACES if _FLOOR.met(a) else 0.0
+    return min(_machine_spots(a), MACHINE_PLACES) / MACHINE_PLACES if _FLOOR.met(a) else 0.0
 
 
 def _is_ladder(rail: Furniture) -> bool:

@@ -1,0 +1,450 @@
+"""Puts the small things of the catalogue (`generators.assets.clutter`) on the furniture, walls and floor of a room.
+
+A thing's place is drawn at random among those that its kind names, and tested: rays from above it (in front of it, for
+things on walls) must all meet one flat surface, so that it neither floats nor enters anything, and its box must keep
+clear of other small things and of what is reserved for the objects of the benchmark. All depends on the home's seed
+alone, so that nothing here tells which object sounds.
+"""
+
+from __future__ import annotations
+
+import copy
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from generators.apartments.floorplan import SIDES, WallFrame
+from generators.apartments.interior.arrange import WALL_GAP, Arranger
+from generators.apartments.interior.bathroom import MACHINE, MACHINE_PLACES, MACHINE_SPACING
+from generators.apartments.interior.pieces import FLAT, Placed, overlaps, world_box
+from generators.apartments.interior.walking import walkable, wall_spots
+from generators.apartments.joinery import FRAME_DEPTH, PANE_DEPTH, SILL_DEPTH
+from generators.assets.clutter.catalogue import kinds_for
+from generators.assets.clutter.record import ClutterKind, Place
+from generators.assets.furniture import Furniture
+from generators.assets.shapes import rotation
+from generators.core.arrays import distinct_rows
+from generators.core.rays import RayCaster
+from generators.core.scene import Part, Support
+
+Array = NDArray[np.float64]
+
+#: Level place → kinds of furniture whose upper faces offer it, and the range of their height above the floor (m).
+LEVELS: dict[Place, tuple[tuple[str, ...], tuple[float, float]]] = {
+    "worktop": (("kitchen_counter", "oven_unit"), (0.89, 0.903)),
+    "hob": (("kitchen_counter",), (0.904, 0.912)),
+    "board": (("wall_cabinet", "kitchen_shelf", "shelf_board", "bookshelf", "bathroom_cabinet"), (0.3, 2.0)),
+    "cabinet_top": (("wall_cabinet", "fridge", "oven_unit", "bathroom_cabinet", "wardrobe"), (1.55, 2.3)),
+    "basin": (("washbasin",), (0.84, 0.86)),
+    "tub": (("bathtub",), (0.45, 0.7)),
+    "table": (("dining_table",), (0.6, 0.85)),
+    "coffee_table": (("coffee_table", "side_table"), (0.25, 0.7)),
+    "desk": (("desk",), (0.65, 0.8)),
+    "nightstand": (("nightstand",), (0.3, 0.7)),
+    "sideboard": (("sideboard", "tv_stand", "shoe_cabinet"), (0.3, 1.1)),
+    "bed": (("bed",), (0.3, 0.8)),
+    "seat": (("sofa", "armchair", "chair", "stool"), (0.3, 0.6)),
+}
+#: Reserved for the objects of the benchmark: share of a support's longer side, and its least length (m).
+RESERVED_SHARE, RESERVED_LENGTH = 0.55, 0.62
+#: Reserved for clocks: share of a free stretch of wall, and its least length (m).
+_WALL_SHARE, _WALL_LENGTH = 0.5, 0.6
+#: Height above a support that is reserved with it (m).
+_RESERVED_HEIGHT = 0.6
+#: Faces that are at most this far from level (cosine), and that differ by at most this much in height (m), are a surface.
+_LEVEL, _SAME_HEIGHT = 0.999, 5e-4
+#: Least area of a surface (m²).
+_LEAST_AREA = 0.004
+#: Places that are drawn for a thing, and how many of those without a collision are tested with rays.
+_DRAWS, _TRIALS = 64, 10
+#: Gap between small things (m), and between them and the edge of what they stand on (m).
+_GAP, _EDGE = 0.006, 0.004
+#: Distance between the rays under a thing (m), at most, and how far from flat a surface may be (m).
+_RAY_STEP, _FLAT = 0.015, 0.0012
+#: Gap between a thing and its support (m), so that no faces coincide.
+_CONTACT = 0.0004
+#: Depth of air that must be free before a thing on a wall (m).
+_AIR = 0.12
+#: How far the surface behind a thing on a wall may stand out from the wall (m): tiles; on a fridge: behind its handles.
+_PROUD, _FRIDGE_PROUD = 0.02, 0.09
+#: How far the surface may be from where a place expects it (m): on floors there are rugs.
+_SLACK: dict[Place, float] = {"fridge": _FRIDGE_PROUD, "ceiling": _FLAT, "floor": 0.012, "entrance": 0.012}
+#: Height and thickness of a skirting board (m), at most; what reaches lower on a wall stands out further than this.
+_SKIRTING_TOP, _SKIRTING_THICK = 0.12, 0.018
+#: Share of its walkable floor that a room keeps.
+_WALKABLE = 0.93
+#: Distance of a switch from a door's opening (m), and of things from the ends of a wall (m).
+_DOOR_SIDE, _WALL_END = 0.14, 0.05
+#: Reach along the wall beside washbasin and tub (m).
+_BESIDE = 0.55
+#: Depth of a strip of floor along a wall (m), and gap between an entrance and its mat (m).
+_STRIP, _MAT_GAP = 0.5, 0.06
+
+
+@dataclass(frozen=True, eq=False)
+class _Rectangle:
+    """A level rectangle in the world: lowest and highest corner (3,) of one height, and the yaw of its front."""
+
+    low: Array
+    high: Array
+    yaw: float
+
+    @property
+    def area(self) -> float:
+        size = self.high - self.low
+        return float(size[0] * size[2])
+
+
+@dataclass(frozen=True, eq=False)
+class _Face:
+    """A stretch of a wall or of a piece's front: ``span`` along ``frame`` (m), and how far it may stand out (m)."""
+
+    frame: WallFrame
+    span: tuple[float, float]
+    proud: float = _PROUD
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    """A thing in a possible place: origin (3,), yaw (degrees), its world box."""
+
+    position: Array
+    yaw: float
+    low: Array
+    high: Array
+
+
+def add_clutter(a: Arranger, caster: RayCaster, supports: Sequence[Support]) -> list[Part]:
+    """The small things of a furnished room.
+
+    Args:
+        a: the room; it is not changed.
+        caster: of all triangles of the home without small things.
+        supports: places of the objects of the benchmark in this room; a part of each stays free.
+
+    Returns:
+        One part per thing, called ``<room>/<kind>_<n>``.
+    """
+    rng = np.random.default_rng([a.seed, zlib.crc32(b"clutter"), zlib.crc32(a.room.name.encode())])
+    placer = _Placer(a, caster, supports, rng)
+    parts = []
+    for kind in kinds_for(a.room.name):
+        least, most = kind.rooms[a.room.name]
+        for number in range(int(rng.integers(least, most + 1))):
+            thing = kind.make(a.palette, a.seed, zlib.crc32(f"{a.room.name} {number}".encode()))
+            found = placer.place(kind, thing)
+            if found is None:
+                break
+            mesh = thing.mesh.transformed(rotation("y", found.yaw), found.position)
+            parts.append(Part(f"{a.room.name}/{kind.name}_{number}", mesh))
+    return parts
+
+
+class _Placer:
+    """Finds places for small things in one room."""
+
+    def __init__(self, a: Arranger, caster: RayCaster, supports: Sequence[Support], rng: Generator) -> None:
+        self._caster, self._rng = caster, rng
+        # Things on the floor join a copy of the room, which tells how much floor and wall they leave.
+        self._room = copy.copy(a)
+        self._room.placed = list(a.placed)
+        self._machines = min(wall_spots(self._room, MACHINE, MACHINE_SPACING), MACHINE_PLACES)
+        self._walkable = walkable(self._room)
+        reserved = [_reserved(support, rng) for support in supports if support.kind != "floor"]
+        self._taken_low = [low for low, _ in reserved]
+        self._taken_high = [high for _, high in reserved]
+        self._surfaces = {place: _surfaces(a.placed, *rule) for place, rule in LEVELS.items()}
+        self._surfaces["sill"] = _sills(a)
+
+    def place(self, kind: ClutterKind, thing: Furniture) -> _Candidate | None:
+        """A free place of a thing, which is taken from now on; None: there is none."""
+        for place in kind.places:
+            candidates = self._candidates(place, kind, thing)
+            low, high = np.array([c.low for c in candidates]), np.array([c.high for c in candidates])
+            if not len(candidates):
+                continue
+            clear = np.ones(len(candidates), dtype=bool)
+            if self._taken_low:
+                clear = ~overlaps(low - _GAP, high + _GAP, np.array(self._taken_low), np.array(self._taken_high)).any(1)
+            for index in np.flatnonzero(clear)[:_TRIALS]:
+                found = self._settled(place, candidates[index])
+                if found is not None and (place != "floor" or self._leaves_floor(found, thing)):
+                    self._taken_low.append(found.low)
+                    self._taken_high.append(found.high)
+                    return found
+        return None
+
+    # -- candidates --------------------------------------------------------------------------------------------------
+
+    def _candidates(self, place: Place, kind: ClutterKind, thing: Furniture) -> list[_Candidate]:
+        if place in self._surfaces:
+            return self._on_levels(self._surfaces[place], kind, thing)
+        if place == "floor":
+            return self._on_floor(kind, thing)
+        if place == "entrance":
+            return self._at_entrance(thing)
+        if place == "ceiling":
+            return self._on_ceiling(thing)
+        return self._on_faces(self._faces(place, thing), kind, thing)
+
+    def _on_levels(self, rectangles: list[_Rectangle], kind: ClutterKind, thing: Furniture) -> list[_Candidate]:
+        """Places on rectangles, each drawn in proportion to its area."""
+        if not rectangles:
+            return []
+        areas = np.array([r.area for r in rectangles])
+        out = []
+        for index in self._rng.choice(len(rectangles), _DRAWS, p=areas / areas.sum()):
+            r = rectangles[int(index)]
+            yaw = r.yaw + float(self._rng.uniform(-kind.turn, kind.turn))
+            low, high = world_box(thing, np.zeros(3), yaw)
+            share = self._rng.random(2)
+            if kind.rear:
+                front = rotation("y", r.yaw)[:, 2][[0, 2]]
+                axis = int(np.argmax(np.abs(front)))
+                share[axis] = 0.12 * share[axis] if front[axis] > 0 else 1 - 0.12 * share[axis]
+            room = (r.high - high) - (r.low - low)
+            room[[0, 2]] -= 2 * _EDGE
+            if room[0] < 0 or room[2] < 0:
+                continue
+            at = r.low - low
+            at[[0, 2]] += _EDGE + share * room[[0, 2]]
+            out.append(_moved(thing, at, yaw))
+        return out
+
+    def _on_floor(self, kind: ClutterKind, thing: Furniture) -> list[_Candidate]:
+        """Places on the floor with the back at a wall, the nearer to a corner the earlier."""
+        found = []
+        for side in SIDES:
+            wall = self._room.room.wall(side)
+            for along in self._rng.uniform(0.0, wall.length, _DRAWS // 2):
+                yaw = wall.yaw + float(self._rng.uniform(-kind.turn, kind.turn))
+                low, high = world_box(thing, np.zeros(3), yaw)
+                back = -float(min(low @ wall.normal, high @ wall.normal))
+                depth = WALL_GAP + back + (0.0 if kind.rear else float(self._rng.uniform(0.0, 0.12)))
+                found.append(
+                    (min(along, wall.length - along), _moved(thing, wall.point(float(along), 0.0, depth), yaw))
+                )
+        found.sort(key=lambda one: one[0])
+        candidates = [one for _, one in found]
+        free = self._room.free(np.array([c.low for c in candidates]), np.array([c.high for c in candidates]))
+        return [c for c, is_free in zip(candidates, free, strict=True) if is_free]
+
+    def _at_entrance(self, thing: Furniture) -> list[_Candidate]:
+        """Before the flat's entrance."""
+        out = []
+        for side in SIDES:
+            wall = self._room.room.wall(side)
+            for opening in self._room.plan.openings_of(self._room.room.name, side):
+                if opening.kind == "entrance":
+                    middle = sum(wall.along(opening.start, opening.stop)) / 2
+                    depth = _MAT_GAP - float(thing.mesh.bounds[0, 2])
+                    out.append(_moved(thing, wall.point(middle, 0.0, depth), wall.yaw))
+        return out
+
+    def _on_ceiling(self, thing: Furniture) -> list[_Candidate]:
+        """Anywhere on the ceiling, not near its rim."""
+        r = self._room.room
+        shares = self._rng.uniform(0.2, 0.8, (_DRAWS, 2))
+        height = self._room.plan.height
+        return [
+            _moved(thing, np.array([r.x0 + s * (r.x1 - r.x0), height, r.z0 + t * (r.z1 - r.z0)]), 0.0)
+            for s, t in shares.tolist()
+        ]
+
+    def _faces(self, place: Place, thing: Furniture) -> list[_Face]:
+        """The stretches of wall (or front) that a place means."""
+        room = self._room
+        walls = [room.room.wall(side) for side in SIDES]
+        if place == "wall":
+            return [_Face(wall, (_WALL_END, wall.length - _WALL_END)) for wall in walls]
+        if place == "door_side":
+            half = float(thing.mesh.bounds[1, 0])
+            spots = []
+            for opening, _, _ in room.doorways:
+                side = opening.side if opening.room == room.room.name else opening.other_side
+                assert side is not None
+                wall = room.room.wall(side)
+                start, stop = wall.along(opening.start, opening.stop)
+                spots += [_Face(wall, (x - half, x + half)) for x in (start - _DOOR_SIDE, stop + _DOOR_SIDE)]
+            return spots
+        kinds = {
+            "worktop_wall": "kitchen_counter",
+            "basin_wall": "washbasin",
+            "tub_wall": "bathtub",
+            "fridge": "fridge",
+        }
+        out = []
+        for piece in room.placed:
+            if piece.furniture.kind != kinds[place]:
+                continue
+            for wall in walls:
+                if abs((piece.yaw - wall.yaw + 180) % 360 - 180) > 1:
+                    continue
+                axis = int(np.argmax(np.abs(wall.u)))
+                start, stop = wall.along(float(piece.low[axis]), float(piece.high[axis]))
+                if place == "fridge":
+                    depth = float(
+                        max((piece.low - wall.origin) @ wall.normal, (piece.high - wall.origin) @ wall.normal)
+                    )
+                    front = WallFrame(wall.side, wall.point(0.0, 0.0, depth), wall.u, wall.normal, wall.length)
+                    # The front plane touches the handles; the door lies behind it.
+                    out.append(_Face(front, (start, stop), -_FRIDGE_PROUD))
+                elif place == "worktop_wall":
+                    out.append(_Face(wall, (start + _WALL_END, stop - _WALL_END)))
+                else:
+                    out.append(_Face(wall, (max(start - _BESIDE, 0.02), min(stop + _BESIDE, wall.length - 0.02))))
+        return out
+
+    def _on_faces(self, faces: list[_Face], kind: ClutterKind, thing: Furniture) -> list[_Candidate]:
+        """Places on stretches of wall, their depth not settled yet."""
+        low, high = thing.mesh.bounds.astype(np.float64)
+        fitting = [f for f in faces if f.span[1] - f.span[0] >= high[0] - low[0] - 1e-6]
+        if not fitting:
+            return []
+        lengths = np.array([f.span[1] - f.span[0] for f in fitting])
+        out = []
+        for index in self._rng.choice(len(fitting), _DRAWS, p=lengths / lengths.sum()):
+            face = fitting[int(index)]
+            along = float(self._rng.uniform(face.span[0] - low[0], max(face.span[1] - high[0], face.span[0] - low[0])))
+            height = float(self._rng.uniform(*kind.height))
+            out.append(_moved(thing, face.frame.point(along, height, min(face.proud, 0.0)), face.frame.yaw))
+        if high[2] > _AIR / 2:
+            free = self._room.free(np.array([c.low for c in out]), np.array([c.high for c in out]), windows=False)
+            out = [c for c, is_free in zip(out, free, strict=True) if is_free]
+        return out
+
+    # -- tests -------------------------------------------------------------------------------------------------------
+
+    def _settled(self, place: Place, c: _Candidate) -> _Candidate | None:
+        """The candidate in contact with one flat surface with nothing in its box, or None."""
+        if place == "ceiling":
+            normal, air = np.array([0.0, -1.0, 0.0]), _AIR
+        elif place in self._surfaces or place in ("floor", "entrance"):
+            normal, air = np.array([0.0, 1.0, 0.0]), 0.0
+        else:
+            normal, air = rotation("y", c.yaw)[:, 2].round(6), _AIR
+        axis = int(np.argmax(np.abs(normal)))
+        sign = float(np.sign(normal[axis]))
+        depth = float(c.high[axis] - c.low[axis])
+        slack = _SLACK.get(place, _PROUD if air else _FLAT)
+        start = (c.low[axis] if sign > 0 else c.high[axis]) + sign * (depth + air + slack)
+        across = [k for k in range(3) if k != axis]
+        lines = [
+            np.linspace(c.low[k] + 1e-4, c.high[k] - 1e-4, max(3, int((c.high[k] - c.low[k]) / _RAY_STEP) + 2))
+            for k in across
+        ]
+        grid = np.stack([g.reshape(-1) for g in np.meshgrid(*lines, indexing="ij")], axis=1)
+        origins = np.empty((len(grid), 3))
+        origins[:, across], origins[:, axis] = grid, start
+        distance, _ = self._caster.closest(origins, np.broadcast_to(-normal, origins.shape))
+        distance = distance.astype(np.float64)
+        if axis != 1:
+            # Cables hang before skirting boards.
+            skirting = (origins[:, 1] < _SKIRTING_TOP) & (distance > distance.max() - _SKIRTING_THICK)
+            distance[skirting] = distance.max()
+        nearest, furthest = float(distance.min()), float(distance.max())
+        if furthest - nearest > _FLAT or not depth + air - _FLAT <= nearest <= depth + air + slack + _FLAT:
+            return None
+        shift = np.zeros(3)
+        shift[axis] = start - sign * (nearest - _CONTACT) - (c.low[axis] if sign > 0 else c.high[axis])
+        moved = _Candidate(c.position + shift, c.yaw, c.low + shift, c.high + shift)
+        return moved if not self._meets(moved) else None
+
+    def _meets(self, c: _Candidate) -> bool:
+        """Whether it overlaps what is taken."""
+        if not self._taken_low:
+            return False
+        low, high = c.low[None] - _GAP, c.high[None] + _GAP
+        return bool(overlaps(low, high, np.array(self._taken_low), np.array(self._taken_high)).any())
+
+    def _leaves_floor(self, c: _Candidate, thing: Furniture) -> bool:
+        """Whether a thing on the floor leaves enough floor to walk on, and walls for machines; it joins the room then."""
+        if c.high[1] <= FLAT:
+            return True
+        self._room.placed.append(Placed(thing, c.position, c.yaw, c.low, c.high))
+        if (
+            wall_spots(self._room, MACHINE, MACHINE_SPACING) >= self._machines
+            and walkable(self._room) >= _WALKABLE * self._walkable
+        ):
+            return True
+        self._room.placed.pop()
+        return False
+
+
+def _moved(thing: Furniture, position: Array, yaw: float) -> _Candidate:
+    return _Candidate(position, yaw, *world_box(thing, position, yaw))
+
+
+def _reserved(support: Support, rng: Generator) -> tuple[Array, Array]:
+    """World box over the part of a support that stays free: an end of a level one, the middle of a wall's."""
+    origin, u, v = (np.asarray(c, dtype=np.float64) for c in (support.origin, support.u, support.v))
+    if support.kind == "wall":
+        length = float(np.linalg.norm(u))
+        half = min(max(_WALL_SHARE * length, _WALL_LENGTH) / length, 1.0) / 2
+        corners = np.stack([origin + (0.5 - half) * u, origin + (0.5 + half) * u + v])
+        corners = np.concatenate([corners, corners + np.asarray(support.normal) * support.clearance])
+        return corners.min(axis=0), corners.max(axis=0)
+    if np.linalg.norm(u) < np.linalg.norm(v):
+        u, v = v, u
+    length = float(np.linalg.norm(u))
+    share = min(max(RESERVED_SHARE * length, RESERVED_LENGTH) / length, 1.0)
+    first = 0.0 if rng.random() < 0.5 else 1.0 - share
+    corners = np.stack([origin + first * u, origin + (first + share) * u + v])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    high[1] += _RESERVED_HEIGHT
+    return low, high
+
+
+def _surfaces(placed: Sequence[Placed], kinds: tuple[str, ...], heights: tuple[float, float]) -> list[_Rectangle]:
+    """Level faces of pieces of some kinds, those that are joined at one height as one rectangle."""
+    out = []
+    for piece in placed:
+        if piece.furniture.kind in kinds:
+            turned = piece.furniture.mesh.transformed(rotation("y", piece.yaw), piece.position)
+            for low, high in _level_faces(turned.positions.astype(np.float64)):
+                rectangle = _Rectangle(low, high, piece.yaw)
+                if heights[0] <= low[1] <= heights[1] and rectangle.area >= _LEAST_AREA:
+                    out.append(rectangle)
+    return out
+
+
+def _level_faces(triangles: Array) -> list[tuple[Array, Array]]:
+    """Boxes of the level faces (F, 3, 3) that look up, those together that share corners."""
+    across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    size = np.linalg.norm(across, axis=1)
+    level = triangles[(across[:, 1] > _LEVEL * size) & (np.ptp(triangles[:, :, 1], axis=1) < _SAME_HEIGHT)]
+    if not len(level):
+        return []
+    corner = distinct_rows(np.round(level.reshape(-1, 3) / _SAME_HEIGHT).astype(np.int64))[1].reshape(-1, 3)
+    edges = np.concatenate([corner[:, :2], corner[:, 1:]])
+    count = int(corner.max()) + 1
+    graph = coo_matrix((np.ones(len(edges), dtype=np.int8), (edges[:, 0], edges[:, 1])), shape=(count, count))
+    pieces, label = connected_components(graph, directed=False)
+    own = label[corner[:, 0]]
+    boxes = []
+    for piece in range(pieces):
+        points = level[own == piece].reshape(-1, 3)
+        boxes.append((points.min(axis=0), points.max(axis=0)))
+    return boxes
+
+
+def _sills(a: Arranger) -> list[_Rectangle]:
+    """The sills of the room's windows: what lies before the frame."""
+    out = []
+    for side in SIDES:
+        wall = a.room.wall(side)
+        for opening in a.plan.openings_of(a.room.name, side):
+            if opening.kind == "window":
+                start, stop = wall.along(opening.start, opening.stop)
+                p, q = (
+                    wall.point(start, opening.bottom, SILL_DEPTH),
+                    wall.point(stop, opening.bottom, FRAME_DEPTH - PANE_DEPTH),
+                )
+                out.append(_Rectangle(np.minimum(p, q), np.maximum(p, q), wall.yaw))
+    return out
