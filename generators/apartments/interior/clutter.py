@@ -57,7 +57,7 @@ RESERVED_SHARE, RESERVED_LENGTH = 0.55, 0.62
 _WALL_SHARE, _WALL_LENGTH = 0.5, 0.6
 #: Height above a support that is reserved with it (m).
 _RESERVED_HEIGHT = 0.6
-#: Faces that are at most this far from level (cosine), and that differ by at most this much in height (m), are a surface.
+#: Least cosine between a level face's normal and the vertical, and how much the heights of joined faces may differ (m).
 _LEVEL, _SAME_HEIGHT = 0.999, 5e-4
 #: Least area of a surface (m²).
 _LEAST_AREA = 0.004
@@ -169,10 +169,7 @@ class _Placer:
             low, high = np.array([c.low for c in candidates]), np.array([c.high for c in candidates])
             if not len(candidates):
                 continue
-            clear = np.ones(len(candidates), dtype=bool)
-            if self._taken_low:
-                clear = ~overlaps(low - _GAP, high + _GAP, np.array(self._taken_low), np.array(self._taken_high)).any(1)
-            for index in np.flatnonzero(clear)[:_TRIALS]:
+            for index in np.flatnonzero(~self._meets(low, high))[:_TRIALS]:
                 found = self._settled(place, candidates[index])
                 if found is not None and (place != "floor" or self._leaves_floor(found, thing)):
                     self._taken_low.append(found.low)
@@ -354,17 +351,17 @@ class _Placer:
         shift = np.zeros(3)
         shift[axis] = start - sign * (nearest - _CONTACT) - (c.low[axis] if sign > 0 else c.high[axis])
         moved = _Candidate(c.position + shift, c.yaw, c.low + shift, c.high + shift)
-        return moved if not self._meets(moved) else None
+        return None if self._meets(moved.low[None], moved.high[None])[0] else moved
 
-    def _meets(self, c: _Candidate) -> bool:
-        """Whether it overlaps what is taken."""
+    def _meets(self, low: Array, high: Array) -> NDArray[np.bool_]:
+        """(K,) whether boxes (K, 3) overlap what is taken."""
         if not self._taken_low:
-            return False
-        low, high = c.low[None] - _GAP, c.high[None] + _GAP
-        return bool(overlaps(low, high, np.array(self._taken_low), np.array(self._taken_high)).any())
+            return np.zeros(len(low), dtype=bool)
+        taken = overlaps(low - _GAP, high + _GAP, np.array(self._taken_low), np.array(self._taken_high))
+        return np.asarray(taken.any(axis=1))
 
     def _leaves_floor(self, c: _Candidate, thing: Furniture) -> bool:
-        """Whether a thing on the floor leaves enough floor to walk on, and walls for machines; it joins the room then."""
+        """Whether a thing on the floor leaves floor to walk on, and walls for machines; it joins the room then."""
         if c.high[1] <= FLAT:
             return True
         self._room.placed.append(Placed(thing, c.position, c.yaw, c.low, c.high))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -112,6 +113,50 @@ def lid(kit: Kit, radius: float, low: float, high: float, material: Material, at
     """A screw cap or lid."""
     x, y, z = (float(c) for c in at)
     kit.cylinder(radius, high - low, (x, y + (low + high) / 2, z), material, segments=12)
+
+
+@dataclass(frozen=True)
+class Turned:
+    """Builder of a turned thing (bottle, jar, pot) as a row of numbers; lengths in metres.
+
+    Attributes:
+        outline: (N, 2) of radius and height, as shares of the two.
+        radius, height: ranges of the greatest radius and of the height without the cap.
+        role, codes: its material's role, and the colours to choose from.
+        label: where on its height the label begins and ends (shares); None: it has none.
+        cap: radius of the cap (share of the radius) and its height (m); None: open, or closed by the body itself.
+        cap_role, cap_codes: as ``role`` and ``codes``, of the cap.
+        squash: depth as a share of the width: below 1 for flat bottles.
+    """
+
+    outline: tuple[tuple[float, float], ...]
+    radius: tuple[float, float]
+    height: tuple[float, float]
+    role: str
+    codes: tuple[str, ...]
+    label: tuple[float, float] | None = None
+    cap: tuple[float, float] | None = None
+    cap_role: str = "plastic_white"
+    cap_codes: tuple[str, ...] = PLASTICS
+    squash: float = 1.0
+
+    def __call__(self, kit: Kit) -> None:
+        """Build one."""
+        r, h = float(kit.rng.uniform(*self.radius)), float(kit.rng.uniform(*self.height))
+        flat = (1.0, 1.0, self.squash)
+        kit.lathe(
+            np.asarray(self.outline) * (r, h),
+            coloured(kit, self.role, self.codes),
+            segments=14,
+            scale=flat,
+            crease=50.0,
+        )
+        if self.label is not None:
+            band = Kit(kit.palette, kit.rng)
+            banded(band, r * 1.012, self.label[0] * h, self.label[1] * h)
+            kit.merge(band.build(), rotate=np.diag(flat))
+        if self.cap is not None:
+            lid(kit, r * self.cap[0], 0.96 * h, h + self.cap[1], coloured(kit, self.cap_role, self.cap_codes))
 
 
 def folded(kit: Kit, size: Point, at: Point, material: Material, *, rotate: Array | None = None) -> None:

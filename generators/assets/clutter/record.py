@@ -42,8 +42,8 @@ class ClutterKind:
 
     Attributes:
         name: of the kind; a part is called ``<room>/<name>_<n>``.
-        build: adds the thing to a `Kit`, its front towards +Z: standing on y = 0, or its back at z = 0 and ``kit.mount``
-            "wall", or hanging from y = 0 and ``kit.mount`` "ceiling". ``kit.rng`` decides form and size.
+        build: adds the thing to a `Kit`, its front towards +Z: standing on y = 0; or its back at z = 0 and
+            ``kit.mount`` "wall"; or hanging from y = 0 and ``kit.mount`` "ceiling". ``kit.rng`` decides form and size.
         places: where it may be, the preferred one first.
         rooms: type of room → least and greatest number of such things there; fewer where there is no space.
         height: range of the height of its middle above the floor (m), for upright places.
