@@ -51,10 +51,12 @@ LEVELS: dict[Place, tuple[tuple[str, ...], tuple[float, float]]] = {
     "bed": (("bed",), (0.3, 0.8)),
     "seat": (("sofa", "armchair", "chair", "stool"), (0.3, 0.6)),
 }
-#: Reserved for the objects of the benchmark: share of a support's longer side, and its least length (m).
-RESERVED_SHARE, RESERVED_LENGTH = 0.55, 0.62
+#: Reserved for the objects of the benchmark: share of a support's longer side, and its least length (m) by the kind of
+#: support: microwaves stand on worktops, clocks and radios on shelves.
+RESERVED_SHARE = 0.55
+RESERVED_LENGTH = {"worktop": 0.62, "shelf": 0.38, "side_table": 0.42}
 #: Reserved for clocks: share of a free stretch of wall, and its least length (m).
-_WALL_SHARE, _WALL_LENGTH = 0.5, 0.6
+_WALL_SHARE, _WALL_LENGTH = 0.35, 0.5
 #: Height above a support that is reserved with it (m).
 _RESERVED_HEIGHT = 0.6
 #: Least cosine between a level face's normal and the vertical, and how much the heights of joined faces may differ (m).
@@ -62,11 +64,13 @@ _LEVEL, _SAME_HEIGHT = 0.999, 5e-4
 #: Least area of a surface (m²).
 _LEAST_AREA = 0.004
 #: Places that are drawn for a thing, and how many of those without a collision are tested with rays.
-_DRAWS, _TRIALS = 64, 10
+_DRAWS, _TRIALS = 128, 20
 #: Gap between small things (m), and between them and the edge of what they stand on (m).
 _GAP, _EDGE = 0.006, 0.004
 #: Distance between the rays under a thing (m), at most, and how far from flat a surface may be (m).
 _RAY_STEP, _FLAT = 0.015, 0.0012
+#: Height above a support from which the first rays look for it (m).
+_PROBE = 0.03
 #: Gap between a thing and its support (m), so that no faces coincide.
 _CONTACT = 0.0004
 #: Depth of air that must be free before a thing on a wall (m).
@@ -77,10 +81,11 @@ _PROUD, _FRIDGE_PROUD = 0.02, 0.09
 _SLACK: dict[Place, float] = {"fridge": _FRIDGE_PROUD, "ceiling": _FLAT, "floor": 0.012, "entrance": 0.012}
 #: Height and thickness of a skirting board (m), at most; what reaches lower on a wall stands out further than this.
 _SKIRTING_TOP, _SKIRTING_THICK = 0.12, 0.018
-#: Share of its walkable floor that a room keeps.
-_WALKABLE = 0.93
-#: Distance of a switch from a door's opening (m), and of things from the ends of a wall (m).
-_DOOR_SIDE, _WALL_END = 0.14, 0.05
+#: Share of its walkable floor that a room keeps, and the rooms in which machines need places at walls.
+_WALKABLE = 0.92
+_MACHINE_ROOMS = ("bathroom", "kitchen")
+#: Distances of a switch from a door's opening (m), and of things from the ends of a wall (m).
+_DOOR_SIDES, _WALL_END = (0.14, 0.2, 0.28), 0.05
 #: Reach along the wall beside washbasin and tub (m).
 _BESIDE = 0.55
 #: Depth of a strip of floor along a wall (m), and gap between an entrance and its mat (m).
@@ -154,7 +159,7 @@ class _Placer:
         # Things on the floor join a copy of the room, which tells how much floor and wall they leave.
         self._room = copy.copy(a)
         self._room.placed = list(a.placed)
-        self._machines = min(wall_spots(self._room, MACHINE, MACHINE_SPACING), MACHINE_PLACES)
+        self._machines = self._machine_places()
         self._walkable = walkable(self._room)
         reserved = [_reserved(support, rng) for support in supports if support.kind != "floor"]
         self._taken_low = [low for low, _ in reserved]
@@ -212,14 +217,28 @@ class _Placer:
             at = r.low - low
             at[[0, 2]] += _EDGE + share * room[[0, 2]]
             out.append(_moved(thing, at, yaw))
-        return out
+        return self._above_support(out)
+
+    def _above_support(self, candidates: list[_Candidate]) -> list[_Candidate]:
+        """The candidates whose middle and corners have the support just below them: many rectangles have holes."""
+        if not candidates:
+            return []
+        low, high = np.array([c.low for c in candidates]), np.array([c.high for c in candidates])
+        shares = np.array([(0.5, 0.5), (0.02, 0.02), (0.02, 0.98), (0.98, 0.02), (0.98, 0.98)])
+        rays = np.repeat(low[:, None], len(shares), axis=1)
+        rays[:, :, [0, 2]] += shares * (high - low)[:, None, [0, 2]]
+        rays[:, :, 1] += _PROBE
+        down = np.broadcast_to([0.0, -1.0, 0.0], rays.shape)
+        distance, _ = self._caster.closest(rays.reshape(-1, 3), down.reshape(-1, 3))
+        stands = (np.abs(distance.reshape(-1, len(shares)) - _PROBE) <= _FLAT).all(axis=1)
+        return [c for c, is_standing in zip(candidates, stands, strict=True) if is_standing]
 
     def _on_floor(self, kind: ClutterKind, thing: Furniture) -> list[_Candidate]:
         """Places on the floor with the back at a wall, the nearer to a corner the earlier."""
         found = []
         for side in SIDES:
             wall = self._room.room.wall(side)
-            for along in self._rng.uniform(0.0, wall.length, _DRAWS // 2):
+            for along in self._rng.uniform(0.0, wall.length, _DRAWS // 4):
                 yaw = wall.yaw + float(self._rng.uniform(-kind.turn, kind.turn))
                 low, high = world_box(thing, np.zeros(3), yaw)
                 back = -float(min(low @ wall.normal, high @ wall.normal))
@@ -268,7 +287,8 @@ class _Placer:
                 assert side is not None
                 wall = room.room.wall(side)
                 start, stop = wall.along(opening.start, opening.stop)
-                spots += [_Face(wall, (x - half, x + half)) for x in (start - _DOOR_SIDE, stop + _DOOR_SIDE)]
+                middles = [x for d in _DOOR_SIDES for x in (start - d, stop + d)]
+                spots += [_Face(wall, (x - half, x + half)) for x in middles if half < x < wall.length - half]
             return spots
         kinds = {
             "worktop_wall": "kitchen_counter",
@@ -311,9 +331,10 @@ class _Placer:
             along = float(self._rng.uniform(face.span[0] - low[0], max(face.span[1] - high[0], face.span[0] - low[0])))
             height = float(self._rng.uniform(*kind.height))
             out.append(_moved(thing, face.frame.point(along, height, min(face.proud, 0.0)), face.frame.yaw))
-        if high[2] > _AIR / 2:
-            free = self._room.free(np.array([c.low for c in out]), np.array([c.high for c in out]), windows=False)
-            out = [c for c, is_free in zip(out, free, strict=True) if is_free]
+        if high[2] > _AIR / 2 and self._room.doorways:
+            ways = [np.array(ends) for ends in zip(*((low, high) for _, low, high in self._room.doorways), strict=True)]
+            blocks = overlaps(np.array([c.low for c in out]), np.array([c.high for c in out]), *ways).any(axis=1)
+            out = [c for c, is_blocking in zip(out, blocks, strict=True) if not is_blocking]
         return out
 
     # -- tests -------------------------------------------------------------------------------------------------------
@@ -360,15 +381,18 @@ class _Placer:
         taken = overlaps(low - _GAP, high + _GAP, np.array(self._taken_low), np.array(self._taken_high))
         return np.asarray(taken.any(axis=1))
 
+    def _machine_places(self) -> int:
+        """How many of the places at walls that the benchmark wants are left."""
+        if self._room.room.name not in _MACHINE_ROOMS:
+            return 0
+        return min(wall_spots(self._room, MACHINE, MACHINE_SPACING), MACHINE_PLACES)
+
     def _leaves_floor(self, c: _Candidate, thing: Furniture) -> bool:
         """Whether a thing on the floor leaves floor to walk on, and walls for machines; it joins the room then."""
         if c.high[1] <= FLAT:
             return True
         self._room.placed.append(Placed(thing, c.position, c.yaw, c.low, c.high))
-        if (
-            wall_spots(self._room, MACHINE, MACHINE_SPACING) >= self._machines
-            and walkable(self._room) >= _WALKABLE * self._walkable
-        ):
+        if self._machine_places() >= self._machines and walkable(self._room) >= _WALKABLE * self._walkable:
             return True
         self._room.placed.pop()
         return False
@@ -390,7 +414,7 @@ def _reserved(support: Support, rng: Generator) -> tuple[Array, Array]:
     if np.linalg.norm(u) < np.linalg.norm(v):
         u, v = v, u
     length = float(np.linalg.norm(u))
-    share = min(max(RESERVED_SHARE * length, RESERVED_LENGTH) / length, 1.0)
+    share = min(max(RESERVED_SHARE * length, RESERVED_LENGTH[support.kind]) / length, 1.0)
     first = 0.0 if rng.random() < 0.5 else 1.0 - share
     corners = np.stack([origin + first * u, origin + (first + share) * u + v])
     low, high = corners.min(axis=0), corners.max(axis=0)

@@ -192,12 +192,7 @@ def shower_caddy(kit: Kit) -> None:
 
 def bath_sponge(kit: Kit) -> None:
     """A round sponge."""
-    yellow = (
-        kit.palette.tinted("throw", kit.pick("#d9b25a", "#7fb3c8", "#d88aa0"))
-        if kit.rng.random() < 0
-        else kit.m("bath_mat")
-    )
-    kit.sphere((0.058, 0.042, 0.05), (0, 0.042, 0), yellow, rings=7, segments=10)
+    kit.sphere((0.058, 0.042, 0.05), (0, 0.042, 0), kit.m("bath_mat"), rings=7, segments=10)
 
 
 def toy_boat(kit: Kit) -> None:
@@ -326,23 +321,24 @@ def candle(kit: Kit) -> None:
     banded(kit, 1.01 * r, 0.02, 0.055)
 
 
+#: Colours of bottles in bathrooms.
+_SOFT = ("#e6e4df", "#d8d3c6", "#a9c4cf", "#d9b8c0", "#b9c9a8", "#6f8fa8", "#e3cfae")
+
 SHAMPOO = Turned(
     SQUAT_BOTTLE,
     (0.03, 0.038),
     (0.16, 0.22),
     "plastic_white",
-    PLASTICS,
+    _SOFT,
     label=(0.15, 0.68),
     cap=(0.6, 0.03),
     squash=0.7,
 )
-LOTION = Turned(
-    SQUAT_BOTTLE, (0.024, 0.03), (0.12, 0.18), "plastic_white", PLASTICS, label=(0.2, 0.65), cap=(0.55, 0.035)
-)
+LOTION = Turned(SQUAT_BOTTLE, (0.024, 0.03), (0.12, 0.18), "plastic_white", _SOFT, label=(0.2, 0.65), cap=(0.55, 0.035))
 CREAM = Turned(JAR, (0.026, 0.038), (0.035, 0.055), "pot_white", ("#e4e0d6", "#3f4447", "#c9b79c"), cap=(0.98, 0.012))
 PERFUME = Turned(SQUAT_BOTTLE, (0.022, 0.03), (0.07, 0.11), "glass", (*GLASSES, "#d7a8a0", "#d8b25a"), cap=(0.42, 0.022),
                  cap_role="chrome", cap_codes=("#c3c6c9", "#c9a44a", "#3a3a3b"), squash=0.6)  # fmt: skip
-SPRAY = Turned(CAN, (0.022, 0.027), (0.11, 0.17), "enamel", PLASTICS, label=(0.1, 0.85), cap=(0.9, 0.025))
+SPRAY = Turned(CAN, (0.022, 0.027), (0.11, 0.17), "enamel", _SOFT, label=(0.1, 0.85), cap=(0.9, 0.025))
 CUPFUL = Turned(TUMBLER, (0.032, 0.04), (0.085, 0.11), "pot_white", GLAZES)
 
 _CLEANER = Turned(
@@ -350,7 +346,7 @@ _CLEANER = Turned(
     (0.038, 0.046),
     (0.2, 0.27),
     "plastic_white",
-    PLASTICS,
+    _SOFT,
     label=(0.15, 0.65),
     cap=(0.5, 0.035),
     squash=0.62,
@@ -358,8 +354,8 @@ _CLEANER = Turned(
 
 KINDS = (
     ClutterKind("bathrobe", bathrobe, ("wall",), {"bathroom": (0, 1)}, height=(1.15, 1.25)),
-    ClutterKind("towel_hook", towel_hook, ("tub_wall", "wall"), {"bathroom": (1, 3)}, height=(1.25, 1.4)),
-    ClutterKind("towel_ring", towel_ring, ("basin_wall",), {"bathroom": (1, 1)}, height=(0.98, 1.1)),
+    ClutterKind("towel_hook", towel_hook, ("tub_wall", "wall"), {"bathroom": (2, 3)}, height=(1.25, 1.4)),
+    ClutterKind("towel_ring", towel_ring, ("basin_wall",), {"bathroom": (1, 1)}, height=(1.16, 1.3)),
     ClutterKind("roll_holder", roll_holder, ("wall",), {"bathroom": (1, 1)}, height=(0.66, 0.72)),
     ClutterKind("shower_caddy", shower_caddy, ("tub_wall",), {"bathroom": (1, 1)}, height=(0.95, 1.2)),
     ClutterKind("laundry", laundry, ("floor",), {"bathroom": (0, 1)}, turn=4),
@@ -376,16 +372,16 @@ KINDS = (
     ClutterKind("toothpaste", toothpaste, ("basin", "board"), {"bathroom": (1, 2)}, turn=60),
     ClutterKind("soap_dish", soap_dish, ("basin", "tub"), {"bathroom": (1, 2)}, turn=10),
     ClutterKind("cotton_jar", cotton_jar, ("basin", "board", "sill"), {"bathroom": (1, 2)}, turn=180, rear=True),
-    ClutterKind("cream", CREAM, ("basin", "board", "sill"), {"bathroom": (3, 5)}, turn=180),
-    ClutterKind("perfume", PERFUME, ("basin", "board", "sill"), {"bathroom": (2, 4)}, turn=60),
-    ClutterKind("spray", SPRAY, ("basin", "board", "sill"), {"bathroom": (1, 3)}, turn=180, rear=True),
-    ClutterKind("lotion", LOTION, ("board", "basin", "sill", "tub"), {"bathroom": (2, 4)}, turn=60, rear=True),
+    ClutterKind("cream", CREAM, ("basin", "board", "sill"), {"bathroom": (4, 6)}, turn=180),
+    ClutterKind("perfume", PERFUME, ("basin", "board", "sill"), {"bathroom": (3, 5)}, turn=60),
+    ClutterKind("spray", SPRAY, ("basin", "board", "sill"), {"bathroom": (2, 4)}, turn=180, rear=True),
+    ClutterKind("lotion", LOTION, ("tub", "board", "basin", "sill"), {"bathroom": (4, 6)}, turn=60, rear=True),
     ClutterKind("hair_brush", hair_brush, ("board", "basin"), {"bathroom": (1, 2)}, turn=60),
     ClutterKind("tooth_glass", CUPFUL, ("basin", "board"), {"bathroom": (0, 1)}, turn=180),
-    ClutterKind("shampoo", SHAMPOO, ("tub", "board"), {"bathroom": (3, 5)}, turn=60),
+    ClutterKind("shampoo", SHAMPOO, ("tub", "board", "sill"), {"bathroom": (4, 6)}, turn=60),
     ClutterKind("bath_sponge", bath_sponge, ("tub",), {"bathroom": (0, 1)}, turn=180),
     ClutterKind("toy_boat", toy_boat, ("tub",), {"bathroom": (0, 2)}, turn=180),
-    ClutterKind("candle", candle, ("tub", "sill", "board"), {"bathroom": (1, 2)}, turn=180),
+    ClutterKind("candle", candle, ("tub", "sill", "board"), {"bathroom": (1, 3)}, turn=180),
     ClutterKind("face_cloths", face_cloths, ("board", "cabinet_top", "sill"), {"bathroom": (1, 2)}, turn=6),
     ClutterKind("tissue_box", tissue_box, ("board", "sill", "cabinet_top"), {"bathroom": (0, 1), "hall": (0, 1)}, turn=20),
     ClutterKind("bath_cleaner", _CLEANER, ("floor", "cabinet_top"), {"bathroom": (1, 2)}, turn=40),
