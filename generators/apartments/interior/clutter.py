@@ -75,6 +75,8 @@ _PROBE = 0.03
 _CONTACT = 0.0004
 #: Depth of air that must be free before a thing on a wall (m).
 _AIR = 0.12
+#: Height that must be free above a thing (m): rays begin above boards that lie closely over their support.
+_HEADROOM = 0.03
 #: How far the surface behind a thing on a wall may stand out from the wall (m): tiles; on a fridge: behind its handles.
 _PROUD, _FRIDGE_PROUD = 0.02, 0.09
 #: How far the surface may be from where a place expects it (m): on floors there are rugs.
@@ -344,13 +346,13 @@ class _Placer:
         if place == "ceiling":
             normal, air = np.array([0.0, -1.0, 0.0]), _AIR
         elif place in self._surfaces or place in ("floor", "entrance"):
-            normal, air = np.array([0.0, 1.0, 0.0]), 0.0
+            normal, air = np.array([0.0, 1.0, 0.0]), _HEADROOM
         else:
             normal, air = rotation("y", c.yaw)[:, 2].round(6), _AIR
         axis = int(np.argmax(np.abs(normal)))
         sign = float(np.sign(normal[axis]))
         depth = float(c.high[axis] - c.low[axis])
-        slack = _SLACK.get(place, _PROUD if air else _FLAT)
+        slack = _SLACK.get(place, _FLAT if normal[1] else _PROUD)
         start = (c.low[axis] if sign > 0 else c.high[axis]) + sign * (depth + air + slack)
         across = [k for k in range(3) if k != axis]
         lines = [
