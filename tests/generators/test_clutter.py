@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from avs3d_bench.contract.taxonomy import CATEGORIES
 from benchmarks.room_objects import count_objects
 from generators.apartments.apartment import build_apartment
 from generators.apartments.interior.clutter import RESERVED_LENGTH
-from generators.assets.catalogue import CATEGORIES
 from generators.assets.clutter.catalogue import CLUTTER, kinds_for
+from generators.assets.clutter.record import ClutterKind
 from generators.assets.furniture import KINDS
 from generators.assets.materials import ROOM_KINDS, Palette
 from generators.core.freespace import FreeSpace
@@ -56,7 +57,7 @@ def boxes(parts: list[Part]) -> Box:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_wet_rooms_and_halls_are_full(seed: int):
+def test_wet_rooms_and_halls_are_full(seed: int) -> None:
     for room in count_objects(flat(seed)):
         assert room.objects >= LEAST.get(room.room, 0), room
     for name in ROOM_KINDS:
@@ -64,7 +65,7 @@ def test_wet_rooms_and_halls_are_full(seed: int):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_things_do_not_overlap(seed: int):
+def test_things_do_not_overlap(seed: int) -> None:
     parts = things(flat(seed))
     low, high = boxes(parts).swapaxes(0, 1)
     meet = ((low[:, None] < high[None] - 1e-3) & (high[:, None] > low[None] + 1e-3)).all(axis=2)
@@ -73,7 +74,7 @@ def test_things_do_not_overlap(seed: int):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_things_touch_what_they_stand_on_and_enter_nothing(seed: int):
+def test_things_touch_what_they_stand_on_and_enter_nothing(seed: int) -> None:
     home = flat(seed)
     caster = RayCaster(bare(home))
     places = {kind.name: set(kind.places) for kind in CLUTTER}
@@ -90,7 +91,7 @@ def test_things_touch_what_they_stand_on_and_enter_nothing(seed: int):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_places_of_the_benchmarks_objects_stay_free(seed: int):
+def test_places_of_the_benchmarks_objects_stay_free(seed: int) -> None:
     home = flat(seed)
     low, high = boxes(things(home)).swapaxes(0, 1)
     for support in home.supports:
@@ -115,7 +116,7 @@ def test_places_of_the_benchmarks_objects_stay_free(seed: int):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_the_way_stays_free(seed: int):
+def test_the_way_stays_free(seed: int) -> None:
     home = flat(seed)
     without = bare(home)
     for room in home.rooms:
@@ -123,7 +124,7 @@ def test_the_way_stays_free(seed: int):
         assert after.largest().area >= 0.85 * before.largest().area, room.name
 
 
-def test_furniture_and_supports_do_not_depend_on_small_things(monkeypatch: pytest.MonkeyPatch):
+def test_furniture_and_supports_do_not_depend_on_small_things(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("generators.apartments.apartment.add_clutter", lambda *_: [])
     plain = build_apartment("flat", 1)
     home = bare(flat(1))
@@ -132,7 +133,7 @@ def test_furniture_and_supports_do_not_depend_on_small_things(monkeypatch: pytes
     assert all(np.array_equal(a.mesh.positions, b.mesh.positions) for a, b in zip(plain.parts, home.parts, strict=True))
 
 
-def test_the_same_seed_gives_the_same_things():
+def test_the_same_seed_gives_the_same_things() -> None:
     again = build_apartment("another name", 1, workers=2)
     assert [p.name for p in again.parts] == [p.name for p in flat(1).parts]
     for a, b in zip(things(again), things(flat(1)), strict=True):
@@ -140,7 +141,7 @@ def test_the_same_seed_gives_the_same_things():
         assert a.mesh.uv.tobytes() == b.mesh.uv.tobytes(), a.name
 
 
-def test_names_are_unique_and_tell_no_category():
+def test_names_are_unique_and_tell_no_category() -> None:
     assert not [name for name, count in Counter(kind.name for kind in CLUTTER).items() if count > 1]
     assert not NAMES & set(KINDS)
     assert not NAMES & set(CATEGORIES)
@@ -149,7 +150,7 @@ def test_names_are_unique_and_tell_no_category():
 
 
 @pytest.mark.parametrize("kind", CLUTTER, ids=lambda kind: kind.name)
-def test_a_thing_is_small_and_differs_from_copy_to_copy(kind):
+def test_a_thing_is_small_and_differs_from_copy_to_copy(kind: ClutterKind) -> None:
     palette = Palette("scandinavian", 3)
     first, second = (kind.make(palette, 5, copy) for copy in (0, 1))
     assert len(first.mesh.positions) <= THING_TRIANGLES

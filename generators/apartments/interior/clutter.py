@@ -335,8 +335,10 @@ class _Placer:
             out.append(_moved(thing, face.frame.point(along, height, min(face.proud, 0.0)), face.frame.yaw))
         if high[2] > _AIR / 2 and self._room.doorways:
             ways = [np.array(ends) for ends in zip(*((low, high) for _, low, high in self._room.doorways), strict=True)]
-            blocks = overlaps(np.array([c.low for c in out]), np.array([c.high for c in out]), *ways).any(axis=1)
-            out = [c for c, is_blocking in zip(out, blocks, strict=True) if not is_blocking]
+            blocks = np.asarray(
+                overlaps(np.array([c.low for c in out]), np.array([c.high for c in out]), *ways).any(axis=1)
+            )
+            out = [c for c, is_blocking in zip(out, blocks.tolist(), strict=True) if not is_blocking]
         return out
 
     # -- tests -------------------------------------------------------------------------------------------------------

@@ -72,8 +72,9 @@ def soap_dish(kit: Kit) -> None:
 
 def tissue_box(kit: Kit) -> None:
     """A box of tissues, one of which stands out."""
-    carton(kit, (-0.115, 0, -0.06), (0.115, 0.075, 0.06))
-    kit.pillow((0.08, 0.07, 0.03), (0, 0.095, 0), kit.m("paper"), cells=3, rotate=rotation("y", 20))
+    w, h = kit.near(0.21, 0.15), kit.near(0.075, 0.2)
+    carton(kit, (-w / 2, 0, -0.06), (w / 2, h, 0.06))
+    kit.pillow((0.08, 0.07, 0.03), (0, h + 0.02, 0), kit.m("paper"), cells=3, rotate=rotation("y", 20))
 
 
 def cotton_jar(kit: Kit) -> None:
@@ -207,7 +208,8 @@ def shower_caddy(kit: Kit) -> None:
 
 def bath_sponge(kit: Kit) -> None:
     """A round sponge."""
-    kit.sphere((0.058, 0.042, 0.05), (0, 0.042, 0), kit.m("bath_mat"), rings=7, segments=10)
+    r = kit.near(0.05, 0.15)
+    kit.sphere((1.15 * r, 0.85 * r, r), (0, 0.85 * r, 0), kit.m("bath_mat"), rings=7, segments=10)
 
 
 def toy_boat(kit: Kit) -> None:

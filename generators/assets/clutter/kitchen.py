@@ -92,11 +92,11 @@ def knife_block(kit: Kit) -> None:
     tilt = rotation("x", -22)
     kit.panel((-0.05, 0.02, -0.06), (0.05, 0.22, 0.04), wood, bevel=0.004, rotate=tilt)
     kit.panel((-0.045, 0.0, -0.06), (0.045, 0.06, 0.05), wood, bevel=0.002)
-    for k in range(5):
+    for k in range(int(kit.rng.integers(3, 7))):
         x, y = -0.032 + 0.032 * (k % 3), 0.226 - 0.006 * (k // 3)
         top = tilt @ np.array([0.0, 0.115, -0.03 + 0.05 * (k // 3)]) + (x, 0.12, -0.01)
         along = tilt @ np.array([0.0, 0.1, 0.0])
-        kit.rod(top, top + along * (1 - 0.12 * k) * y / 0.226, 0.009, kit.m("plastic_black"), sides=6)
+        kit.rod(top, top + along * kit.near(1 - 0.1 * k, 0.1) * y / 0.226, 0.009, kit.m("plastic_black"), sides=6)
 
 
 def chopping_boards(kit: Kit) -> None:
