@@ -95,6 +95,13 @@ def _surfaces(_: click.Context, __: click.Parameter, values: tuple[str, ...]) ->
     metavar="PLACE=NAME",
     help="Acoustic material of a place, e.g. wall=brick; repeatable.",
 )
+@click.option(
+    "--splats",
+    type=PATH,
+    default=None,
+    metavar="PLY",
+    help="The same place in 3D Gaussians, in the frame of FILE, for avs3d generate --vision splats.",
+)
 @name_option("that of the output")
 @click.option(
     "--licence", nargs=2, default=None, metavar="NAME AUTHOR", help="Licence and author of the scan (default: unknown)."
@@ -106,6 +113,7 @@ def scan(
     name: str | None,
     licence: tuple[str, str] | None,
     surfaces: dict[str, str],
+    splats: Path | None,
     replace: bool,
     **known: Any,
 ) -> None:
@@ -120,7 +128,7 @@ def scan(
 
     if known["front"] is not None and known["up"] is None:
         raise UsageError("--front needs --up: expected both axes, or --up alone")
-    request = ScanRequest(file, output, KnownFrame(**known), name, licence, surfaces)
+    request = ScanRequest(file, output, KnownFrame(**known), name, licence, surfaces, splats)
     _check_outputs(request, replace)
     outcome = survey_scan(request, shlex.join(["avs3d", "scan", str(file), *_given(click.get_current_context())]))
     for guess in outcome.survey.guesses:
@@ -148,12 +156,14 @@ def _check_outputs(request: ScanRequest, replace: bool) -> None:
     Raises:
         UsageError: in one line.
     """
+    from avs3d_bench.formats.files import check_writable
     from generators.surveying.page import SCAN_PAGE
 
     output = request.output
     if output.suffix not in (".yaml", ".yml"):
         raise UsageError(f"{output}: expected the name of a manifest, which ends in .yaml")
     check_replaceable(request.page, [SCAN_PAGE])
+    check_writable(output)
     if not replace and output.exists() and output.stat().st_size:
         raise UsageError(f"{output}: exists; add --replace to write it again (changes by hand are lost)")
 
@@ -161,7 +171,7 @@ def _check_outputs(request: ScanRequest, replace: bool) -> None:
 def _given(context: click.Context) -> list[str]:
     """The options of this call that decide what the manifest says."""
     words: list[str] = []
-    for name in ("rooms", "scale", "up", "front", "licence"):
+    for name in ("rooms", "scale", "up", "front", "licence", "splats"):
         if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
             value = context.params[name]
             values = value if isinstance(value, tuple) else (getattr(value, "text", value),)

@@ -104,6 +104,7 @@ def _scan_lines(document: dict[str, Any], survey: Survey) -> list[str]:
         "scale": f"metres in a unit of the file: {how['scale']}",
         "surfaces": "place → acoustic material, given",
         "licence": "of the scan",
+        "splats": "3D Gaussians in the frame of the file, for --vision splats",
     }
     lines = ["scans:", f"  {name}:"]
     for field, value in scan.items():

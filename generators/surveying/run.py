@@ -24,6 +24,7 @@ from generators.surveying.fitting import FittingObservations, ScanFitting
 from generators.surveying.measures import RoomMeasures, measure
 from generators.surveying.page import scan_page
 from generators.surveying.survey import KnownFrame, Survey, survey
+from generators.vision.splats.backend import read_cloud
 
 #: Walkable floor of a room (m²), share of holes in it, and share of open directions that are worth a warning.
 LEAST_WALK, MOST_HOLES, MOST_OPEN = 1.0, 0.05, 0.15
@@ -31,7 +32,10 @@ LEAST_WALK, MOST_HOLES, MOST_OPEN = 1.0, 0.05, 0.15
 
 @dataclass(frozen=True)
 class ScanRequest:
-    """What `avs3d scan` is asked for: the scan, the manifest, what need not be found, the manifest's name, licence."""
+    """What `avs3d scan` is asked for: the scan, the manifest, what need not be found, the manifest's name, licence.
+
+    ``surfaces``: place → acoustic material. ``splats``: the same place in 3D Gaussians, if they are to be drawn.
+    """
 
     file: Path
     output: Path
@@ -39,6 +43,7 @@ class ScanRequest:
     name: str | None = None
     licence: tuple[str, str] | None = None
     surfaces: dict[str, str] = field(default_factory=dict)
+    splats: Path | None = None
 
     @property
     def page(self) -> Path:
@@ -49,7 +54,8 @@ class ScanRequest:
     def next_commands(self) -> tuple[str, ...]:
         """What the user types next, in the folder of this call."""
         folder = shlex.quote(str(self.output.with_suffix("")))
-        return f"avs3d generate {shlex.quote(str(self.output))} -o {folder}", f"avs3d view {folder}"
+        vision = " --vision splats" if self.splats else ""
+        return f"avs3d generate {shlex.quote(str(self.output))} -o {folder}{vision}", f"avs3d view {folder}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,15 +81,19 @@ def survey_scan(request: ScanRequest, command: str) -> ScanOutcome:
     document = document_of(name, relative_name(request.file, request.output), surveyed, request.licence)
     if request.surfaces:
         document["scans"][name]["surfaces"] = request.surfaces
+    if request.splats is not None:
+        document["scans"][name]["splats"] = relative_name(request.splats, request.output)
     boxes = {room: np.array([surveyed.boxes[n].low, surveyed.boxes[n].high]) for room, n in surveyed.rooms.items()}
     home, sound = read_scan(
         name,
-        scan_files_of(request.file.resolve()),
+        replace(scan_files_of(request.file.resolve()), splats=request.splats),
         boxes,
         licence=Licence(*request.licence, request.file.name) if request.licence else None,
         axes=Axes(surveyed.up, surveyed.front, surveyed.turn, surveyed.scale),
         acoustics=ScanAcoustics(surfaces=request.surfaces),
     )
+    if request.splats is not None:
+        read_cloud(home)
     fitting = ScanFitting(home, document, request.output.resolve().parent)
     found = fitting.observations(tuple(boxes))
     measures = tuple(measure(fitting.site(room)) for room in boxes)

@@ -10,6 +10,8 @@ import pytest
 import trimesh
 
 from avs3d_bench.cli import main
+from avs3d_bench.formats.gaussian_ply import write_gaussians
+from generators.assets.meshfile import load_mesh
 from generators.core.boxes import yaw_matrix
 from generators.core.scene import Scene
 from generators.homes.store import open_home
@@ -21,6 +23,7 @@ from generators.surveying.document import relative_name
 from generators.surveying.fitting import ScanFitting
 from generators.surveying.page import rows_of
 from tests.support import browser
+from tests.support.captured import gaussians
 from tests.support.made_rooms import ROOMS, flat, write_mesh
 
 
@@ -225,3 +228,27 @@ def test_rows_cover_their_cells() -> None:
     assert [(round(r.x, 3), round(r.z, 3), round(r.depth, 3)) for r in rows] == [
         (0.0, 0.0, 0.1), (0.0, 0.15, 0.05), (0.05, 0.0, 0.05),
     ]  # fmt: skip
+
+
+def test_splats_of_the_same_place_are_named_and_others_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    room = write_mesh(flat(("living_room",)), tmp_path / "room.glb")
+    corners = load_mesh(room, acoustic="plaster").positions.reshape(-1, 3).astype(np.float64)
+    write_gaussians(tmp_path / "room.ply", gaussians(corners, 0.05, 0.9))
+    write_gaussians(tmp_path / "other.ply", gaussians(corners + [20.0, 0.0, 0.0], 0.05, 0.9))
+    assert scan(room, "-o", tmp_path / "other.yaml", "--splats", tmp_path / "other.ply") != 0
+    assert "expected both in one frame" in capsys.readouterr().err
+    assert not list(tmp_path.glob("other.[yh]*"))
+    assert scan(room, "-o", tmp_path / "out.yaml", "--splats", tmp_path / "room.ply") == 0
+    assert "--vision splats" in next(x for x in capsys.readouterr().out.splitlines() if x.startswith("next: "))
+    assert read_manifest(tmp_path / "out.yaml").manifest.scans["out"].splats == "room.ply"
+    assert "--splats" in (tmp_path / "out.yaml").read_text().splitlines()[0]
+
+
+def test_an_output_that_cannot_be_written_is_refused_at_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "taken").write_text("a file where a folder is expected")
+    assert scan(tmp_path / "missing.glb", "-o", tmp_path / "taken" / "out.yaml") != 0
+    assert "taken" in capsys.readouterr().err

@@ -95,6 +95,8 @@ _PROBE = 0.03
 _CONTACT = 0.0004
 #: Depth of air that must be free before a thing on a wall (m).
 _AIR = 0.12
+#: Height that must be free above a thing (m): rays begin above boards that lie closely over their support.
+_HEADROOM = 0.03
 #: How far the surface behind a thing on a wall may stand out from the wall (m): tiles; on a fridge: behind its handles.
 _PROUD, _FRIDGE_PROUD = 0.02, 0.09
 #: How far the surface may be from where a place expects it (m): on floors there are rugs.
@@ -107,7 +109,7 @@ _MACHINE_ROOMS = ("bathroom", "kitchen")
 #: Distances of a switch from a door's opening (m), and of things from the ends of a wall (m).
 _DOOR_SIDES, _WALL_END = (0.14, 0.2, 0.28), 0.05
 #: Rooms in which no observation is made, and what is kept free there: shares of a support and of the walkable floor.
-_QUIET, _QUIET_SHARE, _QUIET_WALKABLE = ("bedroom",), 0.3, 0.8
+QUIET, _QUIET_SHARE, _QUIET_WALKABLE = ("bedroom",), 0.3, 0.8
 #: Reach along the wall beside washbasin and tub (m).
 _BESIDE = 0.55
 #: Depth of a strip of floor along a wall (m), and gap between an entrance and its mat (m).
@@ -183,7 +185,7 @@ class _Placer:
         self._room.placed = list(a.placed)
         self._machines = self._machine_places()
         self._walkable = walkable(self._room)
-        self._quiet = a.room.name in _QUIET
+        self._quiet = a.room.name in QUIET
         reserved = [_reserved(support, rng, quiet=self._quiet) for support in supports if support.kind != "floor"]
         self._taken_low = [low for low, _ in reserved]
         self._taken_high = [high for _, high in reserved]
@@ -404,13 +406,13 @@ class _Placer:
         if place == "ceiling":
             normal, air = np.array([0.0, -1.0, 0.0]), _AIR
         elif place in self._surfaces or place in ("floor", "entrance"):
-            normal, air = np.array([0.0, 1.0, 0.0]), 0.0
+            normal, air = np.array([0.0, 1.0, 0.0]), _HEADROOM
         else:
             normal, air = rotation("y", c.yaw)[:, 2].round(6), _AIR
         axis = int(np.argmax(np.abs(normal)))
         sign = float(np.sign(normal[axis]))
         depth = float(c.high[axis] - c.low[axis])
-        slack = _SOFT_SLACK if place in SOFT else _SLACK.get(place, _PROUD if air else _FLAT)
+        slack = _SOFT_SLACK if place in SOFT else _SLACK.get(place, _FLAT if normal[1] else _PROUD)
         uneven = _SOFT_FLAT if place in SOFT else _FLAT
         start = (c.low[axis] if sign > 0 else c.high[axis]) + sign * (depth + air + slack)
         across = [k for k in range(3) if k != axis]

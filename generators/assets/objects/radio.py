@@ -148,17 +148,9 @@ def _wooden(rng: Generator) -> Design:
         (0.086, mid + 0.034, z),
         (0.118, 0.056),
     )
+    knob = plastic("knob", "#3a2a1e", roughness=0.25)
     for x in (0.054, 0.118):
-        dial(
-            b,
-            x,
-            mid - 0.034,
-            z - 0.001,
-            0.020,
-            plastic("knob", "#3a2a1e", roughness=0.25),
-            brass,
-            float(rng.uniform(-130, 130)),
-        )
+        dial(b, x, mid - 0.034, z - 0.001, 0.020, knob, brass, float(rng.uniform(-130, 130)))
     mesh = b.build()
     return Design(mesh, "surface", before_front(mesh, 0.5))
 
@@ -189,16 +181,8 @@ def _portable(rng: Generator) -> Design:
         (0.062, h / 2 + 0.030, z + 0.0006),
         (0.116, 0.052),
     )
-    dial(
-        b,
-        0.100,
-        h / 2 - 0.036,
-        z,
-        0.021,
-        plastic("knob", "#1c1d1f", roughness=0.25),
-        metal,
-        float(rng.uniform(-130, 130)),
-    )
+    knob = plastic("knob", "#1c1d1f", roughness=0.25)
+    dial(b, 0.100, h / 2 - 0.036, z, 0.021, knob, metal, float(rng.uniform(-130, 130)))
     for k in range(3):
         b.slab(
             (0.022, 0.012, 0.006),

@@ -84,12 +84,7 @@ class SplatsBackend:
             Avs3dError: for a scene or camera that cannot be rendered, a scene without splats, a file of splats that is
                 broken or of another place, or a missing package.
         """
-        if scene.splats is None:
-            raise Avs3dError(
-                f"{scene.name}: has no splats to draw; give the scan `splats: FILE.ply` in the manifest, or choose "
-                "another --vision"
-            )
-        cloud = _load(scene.splats, scene)
+        cloud = read_cloud(scene)
         return SplatsSession(scene, intrinsics, cloud, _painter(cloud, self._device))
 
     def navigable(self, home: Scene) -> Navigable | None:
@@ -129,8 +124,18 @@ def _painter_version(device: str) -> str:
     return gsplat_version()
 
 
-def _load(file: SplatFile, scene: Scene) -> SplatCloud:
-    """The splats of a scene, once per process for all observations in it."""
+def read_cloud(scene: Scene) -> SplatCloud:
+    """The splats of a scene, once per process for all observations in it.
+
+    Raises:
+        Avs3dError: if it has none, or their file is missing, broken or of another place.
+    """
+    file = scene.splats
+    if file is None:
+        raise Avs3dError(
+            f"{scene.name}: has no splats to draw; give the scan `splats: FILE.ply` in the manifest, or choose "
+            "another --vision"
+        )
     try:
         status = file.path.stat()
     except OSError as error:
