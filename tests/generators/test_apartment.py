@@ -14,6 +14,7 @@ from scipy import ndimage
 from generators.apartments.apartment import build_apartment
 from generators.apartments.floorplan import SIDES
 from generators.apartments.planning import make_floor_plan
+from generators.assets.furniture import KINDS
 from generators.core.rays import RayCaster
 from generators.core.scene import Scene
 
@@ -35,10 +36,10 @@ def kind(part_name: str) -> str:
 
 
 def furniture(scene: Scene, room: str) -> list[tuple[str, NDArray[np.float32]]]:
-    """Kind and bounds of a room's furniture (parts with a number); curtains as their two bunches of cloth."""
+    """Kind and bounds of a room's furniture, without small things; curtains as their two bunches of cloth."""
     out = []
     for part in scene.parts:
-        if part.name.startswith(f"{room}/") and part.name[-1].isdigit():
+        if part.name.startswith(f"{room}/") and kind(part.name) in KINDS:
             pieces = [part.mesh.bounds]
             if kind(part.name) == "curtains":
                 boxes = part.mesh.acoustic_positions.reshape(-1, 36, 3)

@@ -27,8 +27,8 @@ def palette(request: pytest.FixtureRequest) -> Palette:
     return Palette.from_seed(np.random.default_rng(4), request.param)
 
 
-def test_there_are_five_styles_and_seeds_reach_them_all() -> None:
-    assert len(STYLES) >= 5
+def test_there_are_ten_styles_and_seeds_reach_them_all() -> None:
+    assert len(STYLES) == 10
     assert {Palette.from_seed(np.random.default_rng(s)).style for s in range(60)} == set(STYLES)
 
 

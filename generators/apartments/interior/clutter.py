@@ -63,12 +63,18 @@ SOFT: dict[Place, dict[str, tuple[tuple[float, float], tuple[float, float]]]] = 
 _SOFT_FLAT, _SOFT_SLACK = 0.04, 0.05
 #: Height from which the middle of a piece of upholstery is measured (m).
 _SOFT_TOP = 1.2
+#: Furniture beside which people put things down.
+_STANDING = ("sofa", "bed", "nightstand", "desk", "sideboard", "tv_stand", "bookshelf", "wardrobe", "shoe_cabinet")
+#: Cosine above which a side of a piece is its front, before which nothing stands.
+_FRONT = 0.5
 #: Gap between a thing on the floor and the furniture beside which it stands (m).
 _BESIDE_GAP = (0.015, 0.06)
-#: Reserved for the objects of the benchmark: share of a support's longer side, and its least length (m).
-RESERVED_SHARE, RESERVED_LENGTH = 0.55, 0.62
+#: Reserved for the objects of the benchmark: share of a support's longer side, and its least length (m) by the kind of
+#: support: microwaves stand on worktops, clocks and radios on shelves.
+RESERVED_SHARE = 0.55
+RESERVED_LENGTH = {"worktop": 0.62, "shelf": 0.38, "side_table": 0.42}
 #: Reserved for clocks: share of a free stretch of wall, and its least length (m).
-_WALL_SHARE, _WALL_LENGTH = 0.5, 0.6
+_WALL_SHARE, _WALL_LENGTH = 0.35, 0.5
 #: Height above a support that is reserved with it (m).
 _RESERVED_HEIGHT = 0.6
 #: Least cosine between a level face's normal and the vertical, and how much the heights of joined faces may differ (m).
@@ -76,29 +82,34 @@ _LEVEL, _SAME_HEIGHT = 0.999, 5e-4
 #: Least area of a surface (m²).
 _LEAST_AREA = 0.004
 #: Places that are drawn for a thing, and how many of those without a collision are tested with rays.
-_DRAWS, _TRIALS = 64, 20
+_DRAWS, _TRIALS = 128, 20
 #: Furniture that is turned by less than this from the room's axes has places on its upholstery (degrees).
 _LEVEL_YAW = 1.0
 #: Gap between small things (m), and between them and the edge of what they stand on (m).
 _GAP, _EDGE = 0.006, 0.004
 #: Distance between the rays under a thing (m), at most, and how far from flat a surface may be (m).
 _RAY_STEP, _FLAT = 0.015, 0.0012
+#: Height above a support from which the first rays look for it (m).
+_PROBE = 0.03
 #: Gap between a thing and its support (m), so that no faces coincide.
 _CONTACT = 0.0004
 #: Depth of air that must be free before a thing on a wall (m).
 _AIR = 0.12
+#: Height that must be free above a thing (m): rays begin above boards that lie closely over their support.
+_HEADROOM = 0.03
 #: How far the surface behind a thing on a wall may stand out from the wall (m): tiles; on a fridge: behind its handles.
 _PROUD, _FRIDGE_PROUD = 0.02, 0.09
 #: How far the surface may be from where a place expects it (m): on floors there are rugs.
 _SLACK: dict[Place, float] = {"fridge": _FRIDGE_PROUD, "ceiling": _FLAT, "floor": 0.02, "entrance": 0.02}
 #: Height and thickness of a skirting board (m), at most; what reaches lower on a wall stands out further than this.
 _SKIRTING_TOP, _SKIRTING_THICK = 0.16, 0.018
-#: Share of its walkable floor that a room keeps.
-_WALKABLE = 0.93
+#: Share of its walkable floor that a room keeps, and the rooms in which machines need places at walls.
+_WALKABLE = 0.92
+_MACHINE_ROOMS = ("bathroom", "kitchen")
+#: Distances of a switch from a door's opening (m), and of things from the ends of a wall (m).
+_DOOR_SIDES, _WALL_END = (0.14, 0.2, 0.28), 0.05
 #: Rooms in which no observation is made, and what is kept free there: shares of a support and of the walkable floor.
-_QUIET, _QUIET_SHARE, _QUIET_WALKABLE = ("bedroom",), 0.3, 0.8
-#: Distance of a switch from a door's opening (m), and of things from the ends of a wall (m).
-_DOOR_SIDE, _WALL_END = 0.14, 0.05
+QUIET, _QUIET_SHARE, _QUIET_WALKABLE = ("bedroom",), 0.3, 0.8
 #: Reach along the wall beside washbasin and tub (m).
 _BESIDE = 0.55
 #: Depth of a strip of floor along a wall (m), and gap between an entrance and its mat (m).
@@ -172,16 +183,10 @@ class _Placer:
         # Things on the floor join a copy of the room, which tells how much floor and wall they leave.
         self._room = copy.copy(a)
         self._room.placed = list(a.placed)
-        self._machines = min(wall_spots(self._room, MACHINE, MACHINE_SPACING), MACHINE_PLACES)
+        self._machines = self._machine_places()
         self._walkable = walkable(self._room)
-        self._quiet = a.room.name in _QUIET
-        level = (_QUIET_SHARE, 0.0) if self._quiet else (RESERVED_SHARE, RESERVED_LENGTH)
-        upright = (_QUIET_SHARE, 0.0) if self._quiet else (_WALL_SHARE, _WALL_LENGTH)
-        reserved = [
-            _reserved(support, rng, *(upright if support.kind == "wall" else level))
-            for support in supports
-            if support.kind != "floor"
-        ]
+        self._quiet = a.room.name in QUIET
+        reserved = [_reserved(support, rng, quiet=self._quiet) for support in supports if support.kind != "floor"]
         self._taken_low = [low for low, _ in reserved]
         self._taken_high = [high for _, high in reserved]
         self._surfaces = {place: _surfaces(a.placed, *rule) for place, rule in LEVELS.items()}
@@ -256,14 +261,28 @@ class _Placer:
             at = r.low - low
             at[[0, 2]] += _EDGE + share * room[[0, 2]]
             out.append(_moved(thing, at, yaw))
-        return out
+        return self._above_support(out)
+
+    def _above_support(self, candidates: list[_Candidate]) -> list[_Candidate]:
+        """The candidates whose middle and corners have the support just below them: many rectangles have holes."""
+        if not candidates:
+            return []
+        low, high = np.array([c.low for c in candidates]), np.array([c.high for c in candidates])
+        shares = np.array([(0.5, 0.5), (0.02, 0.02), (0.02, 0.98), (0.98, 0.02), (0.98, 0.98)])
+        rays = np.repeat(low[:, None], len(shares), axis=1)
+        rays[:, :, [0, 2]] += shares * (high - low)[:, None, [0, 2]]
+        rays[:, :, 1] += _PROBE
+        down = np.broadcast_to([0.0, -1.0, 0.0], rays.shape)
+        distance, _ = self._caster.closest(rays.reshape(-1, 3), down.reshape(-1, 3))
+        stands = (np.abs(distance.reshape(-1, len(shares)) - _PROBE) <= _FLAT).all(axis=1)
+        return [c for c, is_standing in zip(candidates, stands, strict=True) if is_standing]
 
     def _on_floor(self, kind: ClutterKind, thing: Furniture) -> list[_Candidate]:
         """Places on the floor with the back at a wall, the nearer to a corner the earlier."""
         found = []
         for side in SIDES:
             wall = self._room.room.wall(side)
-            for along in self._rng.uniform(0.0, wall.length, _DRAWS // 2):
+            for along in self._rng.uniform(0.0, wall.length, _DRAWS // 4):
                 yaw = wall.yaw + float(self._rng.uniform(-kind.turn, kind.turn))
                 low, high = world_box(thing, np.zeros(3), yaw)
                 back = -float(min(low @ wall.normal, high @ wall.normal))
@@ -278,10 +297,13 @@ class _Placer:
 
     def _beside(self, kind: ClutterKind, thing: Furniture) -> list[_Candidate]:
         """Places on the floor beside the furniture."""
-        pieces = [p for p in self._room.placed if p.furniture.mount == "floor" and not p.flat]
+        pieces = [p for p in self._room.placed if p.furniture.kind in _STANDING]
         out = []
         for index in self._rng.integers(len(pieces), size=_DRAWS) if pieces else ():
             piece, side = pieces[int(index)], int(self._rng.integers(4))
+            front = rotation("y", piece.yaw)[:, 2]
+            if front[(0, 2)[side % 2]] * (1 if side < 2 else -1) > _FRONT:
+                continue
             yaw = piece.yaw + float(self._rng.uniform(-kind.turn, kind.turn))
             low, high = world_box(thing, np.zeros(3), yaw)
             axis, gap = (0, 2)[side % 2], float(self._rng.uniform(*_BESIDE_GAP))
@@ -327,7 +349,8 @@ class _Placer:
                 assert side is not None
                 wall = room.room.wall(side)
                 start, stop = wall.along(opening.start, opening.stop)
-                spots += [_Face(wall, (x - half, x + half)) for x in (start - _DOOR_SIDE, stop + _DOOR_SIDE)]
+                middles = [x for d in _DOOR_SIDES for x in (start - d, stop + d)]
+                spots += [_Face(wall, (x - half, x + half)) for x in middles if half < x < wall.length - half]
             return spots
         kinds = {
             "worktop_wall": "kitchen_counter",
@@ -370,9 +393,10 @@ class _Placer:
             along = float(self._rng.uniform(face.span[0] - low[0], max(face.span[1] - high[0], face.span[0] - low[0])))
             height = float(self._rng.uniform(*kind.height))
             out.append(_moved(thing, face.frame.point(along, height, min(face.proud, 0.0)), face.frame.yaw))
-        if high[2] > _AIR / 2:
-            free = self._room.free(np.array([c.low for c in out]), np.array([c.high for c in out]), windows=False)
-            out = [c for c, is_free in zip(out, free, strict=True) if is_free]
+        if high[2] > _AIR / 2 and self._room.doorways:
+            ways = [np.array(ends) for ends in zip(*((low, high) for _, low, high in self._room.doorways), strict=True)]
+            meets = overlaps(np.array([c.low for c in out]), np.array([c.high for c in out]), *ways)
+            out = [c for c, blocks in zip(out, meets, strict=True) if not blocks.any()]
         return out
 
     # -- tests -------------------------------------------------------------------------------------------------------
@@ -382,13 +406,13 @@ class _Placer:
         if place == "ceiling":
             normal, air = np.array([0.0, -1.0, 0.0]), _AIR
         elif place in self._surfaces or place in ("floor", "entrance"):
-            normal, air = np.array([0.0, 1.0, 0.0]), 0.0
+            normal, air = np.array([0.0, 1.0, 0.0]), _HEADROOM
         else:
             normal, air = rotation("y", c.yaw)[:, 2].round(6), _AIR
         axis = int(np.argmax(np.abs(normal)))
         sign = float(np.sign(normal[axis]))
         depth = float(c.high[axis] - c.low[axis])
-        slack = _SOFT_SLACK if place in SOFT else _SLACK.get(place, _PROUD if air else _FLAT)
+        slack = _SOFT_SLACK if place in SOFT else _SLACK.get(place, _FLAT if normal[1] else _PROUD)
         uneven = _SOFT_FLAT if place in SOFT else _FLAT
         start = (c.low[axis] if sign > 0 else c.high[axis]) + sign * (depth + air + slack)
         across = [k for k in range(3) if k != axis]
@@ -422,14 +446,19 @@ class _Placer:
         taken = overlaps(low - _GAP, high + _GAP, np.array(self._taken_low), np.array(self._taken_high))
         return np.asarray(taken.any(axis=1))
 
+    def _machine_places(self) -> int:
+        """How many of the places at walls that the benchmark wants are left."""
+        if self._room.room.name not in _MACHINE_ROOMS:
+            return 0
+        return min(wall_spots(self._room, MACHINE, MACHINE_SPACING), MACHINE_PLACES)
+
     def _leaves_floor(self, c: _Candidate, thing: Furniture) -> bool:
         """Whether a thing on the floor leaves floor to walk on, and walls for machines; it joins the room then."""
         if c.high[1] <= FLAT:
             return True
         self._room.placed.append(Placed(thing, c.position, c.yaw, c.low, c.high))
         share = _QUIET_WALKABLE if self._quiet else _WALKABLE
-        machines = self._quiet or wall_spots(self._room, MACHINE, MACHINE_SPACING) >= self._machines
-        if machines and walkable(self._room) >= share * self._walkable:
+        if self._machine_places() >= self._machines and walkable(self._room) >= share * self._walkable:
             return True
         self._room.placed.pop()
         return False
@@ -439,11 +468,16 @@ def _moved(thing: Furniture, position: Array, yaw: float) -> _Candidate:
     return _Candidate(position, yaw, *world_box(thing, position, yaw))
 
 
-def _reserved(support: Support, rng: Generator, share: float, least: float) -> tuple[Array, Array]:
+def _reserved(support: Support, rng: Generator, *, quiet: bool) -> tuple[Array, Array]:
     """World box over the part of a support that stays free: an end of a level one, the middle of a wall's.
 
-    That part is ``share`` of the support's length, but not shorter than ``least`` metres.
+    In a ``quiet`` room, where no observation is made, it is smaller.
     """
+    share, least = (
+        (_WALL_SHARE, _WALL_LENGTH) if support.kind == "wall" else (RESERVED_SHARE, RESERVED_LENGTH[support.kind])
+    )
+    if quiet:
+        share, least = _QUIET_SHARE, 0.0
     origin, u, v = (np.asarray(c, dtype=np.float64) for c in (support.origin, support.u, support.v))
     if support.kind == "wall":
         length = float(np.linalg.norm(u))

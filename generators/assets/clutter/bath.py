@@ -58,16 +58,23 @@ def toothpaste(kit: Kit) -> None:
 
 def soap_dish(kit: Kit) -> None:
     """A bar of soap on a dish."""
-    kit.slab((0.12, 0.085, 0.016), (0, 0.008, 0), coloured(kit, "pot_white", (*GLAZES, *WOODS)), corner=0.03, steps=3,
-             rotate=rotation("x", -90))  # fmt: skip
+    kit.slab(
+        (0.12, 0.085, 0.016),
+        (0, 0.008, 0),
+        coloured(kit, "pot_white", (*GLAZES, *WOODS)),
+        corner=0.03,
+        steps=3,
+        rotate=rotation("x", -90),
+    )
     soap = kit.palette.tinted("pot_white", kit.pick("#e8dfc8", "#c9d8c0", "#d9b8b0", "#b8a37c"))
     kit.soft((0.075, 0.026, 0.05), (0, 0.028, 0), soap, radius=0.012, cells=3)
 
 
 def tissue_box(kit: Kit) -> None:
     """A box of tissues, one of which stands out."""
-    carton(kit, (-0.115, 0, -0.06), (0.115, 0.075, 0.06))
-    kit.pillow((0.08, 0.07, 0.03), (0, 0.095, 0), kit.m("paper"), cells=3, rotate=rotation("y", 20))
+    w, h = kit.near(0.21, 0.15), kit.near(0.075, 0.2)
+    carton(kit, (-w / 2, 0, -0.06), (w / 2, h, 0.06))
+    kit.pillow((0.08, 0.07, 0.03), (0, h + 0.02, 0), kit.m("paper"), cells=3, rotate=rotation("y", 20))
 
 
 def cotton_jar(kit: Kit) -> None:
@@ -91,8 +98,12 @@ def toilet_rolls(kit: Kit) -> None:
     paper = kit.palette.tinted("paper", "#e9e7e1")
     for k in range(int(kit.rng.integers(2, 5))):
         column, row = divmod(k, 2)
-        kit.lathe([(0.02, 0.0), (0.054, 0.0), (0.055, 0.004), (0.055, 0.096), (0.054, 0.1), (0.02, 0.1), (0.02, 0.06)], paper,
-                  centre=(0.112 * column, 0.1 * row, 0.0), segments=14)  # fmt: skip
+        kit.lathe(
+            [(0.02, 0.0), (0.054, 0.0), (0.055, 0.004), (0.055, 0.096), (0.054, 0.1), (0.02, 0.1), (0.02, 0.06)],
+            paper,
+            centre=(0.112 * column, 0.1 * row, 0.0),
+            segments=14,
+        )
 
 
 def roll_holder(kit: Kit) -> None:
@@ -103,8 +114,13 @@ def roll_holder(kit: Kit) -> None:
     kit.tube([(-0.075, 0, 0.006), (-0.075, 0, 0.06), (-0.068, 0, 0.066), (0.06, 0, 0.066)], 0.006, metal, segments=6)
     paper = kit.palette.tinted("paper", "#e9e7e1")
     r = float(kit.rng.uniform(0.035, 0.055))
-    kit.lathe([(0.018, -0.05), (r, -0.05), (r, 0.05), (0.018, 0.05)], paper, centre=(0, -0.01, 0.066), segments=14,
-              rotate=rotation("z", -90))  # fmt: skip
+    kit.lathe(
+        [(0.018, -0.05), (r, -0.05), (r, 0.05), (0.018, 0.05)],
+        paper,
+        centre=(0, -0.01, 0.066),
+        segments=14,
+        rotate=rotation("z", -90),
+    )
     drop = float(kit.rng.uniform(0.05, 0.11))
     z = 0.066 + r
     kit.panel((-0.05, -0.01 - drop, z - 0.0015), (0.05, -0.01, z + 0.0003), paper, bevel=0.0)
@@ -192,20 +208,18 @@ def shower_caddy(kit: Kit) -> None:
 
 def bath_sponge(kit: Kit) -> None:
     """A round sponge."""
-    yellow = (
-        kit.palette.tinted("throw", kit.pick("#d9b25a", "#7fb3c8", "#d88aa0"))
-        if kit.rng.random() < 0
-        else kit.m("bath_mat")
-    )
-    kit.sphere((0.058, 0.042, 0.05), (0, 0.042, 0), yellow, rings=7, segments=10)
+    r = kit.near(0.05, 0.15)
+    kit.sphere((1.15 * r, 0.85 * r, r), (0, 0.85 * r, 0), kit.m("bath_mat"), rings=7, segments=10)
 
 
 def toy_boat(kit: Kit) -> None:
     """A bath toy: a little boat."""
     hull = coloured(kit, "plastic_white", ("#c65d4a", "#3f7fa3", "#e0b94f"))
     low, high = 0.6, 1.0
-    loops = [[(x * s, y, z * s) for x, z in ((-0.06, -0.03), (0.04, -0.03), (0.075, 0.0), (0.04, 0.03), (-0.06, 0.03))]
-             for s, y in ((low, 0.0), (high, 0.03))]  # fmt: skip
+    loops = [
+        [(x * s, y, z * s) for x, z in ((-0.06, -0.03), (0.04, -0.03), (0.075, 0.0), (0.04, 0.03), (-0.06, 0.03))]
+        for s, y in ((low, 0.0), (high, 0.03))
+    ]
     kit.loft(loops, hull, crease=20.0)
     kit.panel((-0.04, 0.03, -0.018), (0.01, 0.052, 0.018), kit.m("plastic_white"), bevel=0.003)
     kit.cylinder(0.008, 0.03, (-0.02, 0.066, 0.0), coloured(kit, "plastic_white", PLASTICS), segments=8)
@@ -264,8 +278,13 @@ def peg_basket(kit: Kit) -> None:
     for k in range(7):
         a = 2.4 * k
         at = (0.5 * r * np.cos(a), 0.1, 0.5 * r * np.sin(a))
-        kit.box((0.012, 0.07, 0.01), at, coloured(kit, "stem", (*WOODS, "#c65d4a", "#3f7fa3")),
-                rotate=rotation("z", 50 * np.sin(3 * a)), acoustic=False)  # fmt: skip
+        kit.box(
+            (0.012, 0.07, 0.01),
+            at,
+            coloured(kit, "stem", (*WOODS, "#c65d4a", "#3f7fa3")),
+            rotate=rotation("z", 50 * np.sin(3 * a)),
+            acoustic=False,
+        )
 
 
 def laundry(kit: Kit) -> None:
@@ -282,8 +301,15 @@ def laundry(kit: Kit) -> None:
     for k in range(4):
         size = (kit.near(0.24, 0.2), 0.13, kit.near(0.2, 0.2))
         at = (0.11 * (-1) ** k, 0.13 + 0.035 * k, 0.06 * (1 - k % 3))
-        kit.soft(size, at, coloured(kit, "sheet", CLOTHS) if k % 2 else _towel(kit), radius=0.06, puff=(0.02, 0.02, 0.02), cells=3,
-                 rotate=rotation("y", 40.0 * k))  # fmt: skip
+        kit.soft(
+            size,
+            at,
+            coloured(kit, "sheet", CLOTHS) if k % 2 else _towel(kit),
+            radius=0.06,
+            puff=(0.02, 0.02, 0.02),
+            cells=3,
+            rotate=rotation("y", 40.0 * k),
+        )
     kit.sound((-w / 2, 0, -d / 2), (w / 2, h + 0.06, d / 2), kit.m("towel_1"))
 
 
@@ -326,23 +352,33 @@ def candle(kit: Kit) -> None:
     banded(kit, 1.01 * r, 0.02, 0.055)
 
 
+#: Colours of bottles in bathrooms.
+_SOFT = ("#e6e4df", "#d8d3c6", "#a9c4cf", "#d9b8c0", "#b9c9a8", "#6f8fa8", "#e3cfae")
+
 SHAMPOO = Turned(
     SQUAT_BOTTLE,
     (0.03, 0.038),
     (0.16, 0.22),
     "plastic_white",
-    PLASTICS,
+    _SOFT,
     label=(0.15, 0.68),
     cap=(0.6, 0.03),
     squash=0.7,
 )
-LOTION = Turned(
-    SQUAT_BOTTLE, (0.024, 0.03), (0.12, 0.18), "plastic_white", PLASTICS, label=(0.2, 0.65), cap=(0.55, 0.035)
-)
+LOTION = Turned(SQUAT_BOTTLE, (0.024, 0.03), (0.12, 0.18), "plastic_white", _SOFT, label=(0.2, 0.65), cap=(0.55, 0.035))
 CREAM = Turned(JAR, (0.026, 0.038), (0.035, 0.055), "pot_white", ("#e4e0d6", "#3f4447", "#c9b79c"), cap=(0.98, 0.012))
-PERFUME = Turned(SQUAT_BOTTLE, (0.022, 0.03), (0.07, 0.11), "glass", (*GLASSES, "#d7a8a0", "#d8b25a"), cap=(0.42, 0.022),
-                 cap_role="chrome", cap_codes=("#c3c6c9", "#c9a44a", "#3a3a3b"), squash=0.6)  # fmt: skip
-SPRAY = Turned(CAN, (0.022, 0.027), (0.11, 0.17), "enamel", PLASTICS, label=(0.1, 0.85), cap=(0.9, 0.025))
+PERFUME = Turned(
+    SQUAT_BOTTLE,
+    (0.022, 0.03),
+    (0.07, 0.11),
+    "glass",
+    (*GLASSES, "#d7a8a0", "#d8b25a"),
+    cap=(0.42, 0.022),
+    cap_role="chrome",
+    cap_codes=("#c3c6c9", "#c9a44a", "#3a3a3b"),
+    squash=0.6,
+)
+SPRAY = Turned(CAN, (0.022, 0.027), (0.11, 0.17), "enamel", _SOFT, label=(0.1, 0.85), cap=(0.9, 0.025))
 CUPFUL = Turned(TUMBLER, (0.032, 0.04), (0.085, 0.11), "pot_white", GLAZES)
 
 _CLEANER = Turned(
@@ -350,7 +386,7 @@ _CLEANER = Turned(
     (0.038, 0.046),
     (0.2, 0.27),
     "plastic_white",
-    PLASTICS,
+    _SOFT,
     label=(0.15, 0.65),
     cap=(0.5, 0.035),
     squash=0.62,
@@ -358,8 +394,8 @@ _CLEANER = Turned(
 
 KINDS = (
     ClutterKind("bathrobe", bathrobe, ("wall",), {"bathroom": (0, 1)}, height=(1.15, 1.25)),
-    ClutterKind("towel_hook", towel_hook, ("tub_wall", "wall"), {"bathroom": (1, 3)}, height=(1.25, 1.4)),
-    ClutterKind("towel_ring", towel_ring, ("basin_wall",), {"bathroom": (1, 1)}, height=(0.98, 1.1)),
+    ClutterKind("towel_hook", towel_hook, ("tub_wall", "wall"), {"bathroom": (2, 3)}, height=(1.25, 1.4)),
+    ClutterKind("towel_ring", towel_ring, ("basin_wall",), {"bathroom": (1, 1)}, height=(1.16, 1.3)),
     ClutterKind("roll_holder", roll_holder, ("wall",), {"bathroom": (1, 1)}, height=(0.66, 0.72)),
     ClutterKind("shower_caddy", shower_caddy, ("tub_wall",), {"bathroom": (1, 1)}, height=(0.95, 1.2)),
     ClutterKind("laundry", laundry, ("floor",), {"bathroom": (0, 1)}, turn=4),
@@ -376,17 +412,17 @@ KINDS = (
     ClutterKind("toothpaste", toothpaste, ("basin", "board"), {"bathroom": (1, 2)}, turn=60),
     ClutterKind("soap_dish", soap_dish, ("basin", "tub"), {"bathroom": (1, 2)}, turn=10),
     ClutterKind("cotton_jar", cotton_jar, ("basin", "board", "sill"), {"bathroom": (1, 2)}, turn=180, rear=True),
-    ClutterKind("cream", CREAM, ("basin", "board", "sill"), {"bathroom": (3, 5)}, turn=180),
-    ClutterKind("perfume", PERFUME, ("basin", "board", "sill"), {"bathroom": (2, 4)}, turn=60),
-    ClutterKind("spray", SPRAY, ("basin", "board", "sill"), {"bathroom": (1, 3)}, turn=180, rear=True),
-    ClutterKind("lotion", LOTION, ("board", "basin", "sill", "tub"), {"bathroom": (2, 4)}, turn=60, rear=True),
+    ClutterKind("cream", CREAM, ("basin", "board", "sill"), {"bathroom": (4, 6)}, turn=180),
+    ClutterKind("perfume", PERFUME, ("basin", "board", "sill"), {"bathroom": (3, 5)}, turn=60),
+    ClutterKind("spray", SPRAY, ("basin", "board", "sill"), {"bathroom": (2, 4)}, turn=180, rear=True),
+    ClutterKind("lotion", LOTION, ("tub", "board", "basin", "sill"), {"bathroom": (4, 6)}, turn=60, rear=True),
     ClutterKind("hair_brush", hair_brush, ("board", "basin"), {"bathroom": (1, 2)}, turn=60),
     ClutterKind("tooth_glass", CUPFUL, ("basin", "board"), {"bathroom": (0, 1)}, turn=180),
-    ClutterKind("shampoo", SHAMPOO, ("tub", "board"), {"bathroom": (3, 5)}, turn=60),
+    ClutterKind("shampoo", SHAMPOO, ("tub", "board", "sill"), {"bathroom": (4, 6)}, turn=60),
     ClutterKind("bath_sponge", bath_sponge, ("tub",), {"bathroom": (0, 1)}, turn=180),
     ClutterKind("toy_boat", toy_boat, ("tub",), {"bathroom": (0, 2)}, turn=180),
-    ClutterKind("candle", candle, ("tub", "sill", "board"), {"bathroom": (1, 2)}, turn=180),
+    ClutterKind("candle", candle, ("tub", "sill", "board"), {"bathroom": (1, 3)}, turn=180),
     ClutterKind("face_cloths", face_cloths, ("board", "cabinet_top", "sill"), {"bathroom": (1, 2)}, turn=6),
-    ClutterKind("tissue_box", tissue_box, ("board", "sill", "cabinet_top"), {"bathroom": (0, 1), "hall": (0, 1)}, turn=20),
+    ClutterKind("tissue_box", tissue_box, ("board", "sill"), {"bathroom": (0, 1), "hall": (0, 1)}, turn=20),
     ClutterKind("bath_cleaner", _CLEANER, ("floor", "cabinet_top"), {"bathroom": (1, 2)}, turn=40),
 )  # fmt: skip

@@ -148,6 +148,7 @@ def ring_basket(kit: Kit) -> None:
         ],
         per_corner=3,
     )
+    rings *= (kit.near(1.0, 0.1), 1.0, kit.near(1.0, 0.06))
     kit.loft(rings, kit.m(kit.pick("curtain", "cushion_0", "wicker", "print_2")), crease=50.0)
     for k in range(3):
         at = (-0.07 + 0.07 * k, 0.145, 0.03 * (-1) ** k)

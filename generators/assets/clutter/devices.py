@@ -30,7 +30,7 @@ def remote_control(kit: Kit) -> None:
 def game_controller(kit: Kit) -> None:
     """A controller for games: two grips, two sticks, a cross and four keys."""
     shell, dark = kit.m(kit.pick("plastic_white", "plastic_black", "tone_2")), kit.m("plastic_black")
-    kit.soft((0.12, 0.034, 0.06), (0.0, 0.026, -0.012), shell, radius=0.015, cells=2)
+    kit.soft((kit.near(0.12, 0.06), 0.034, 0.06), (0.0, 0.026, -0.012), shell, radius=0.015, cells=2)
     for side in (-1, 1):
         turn = rotation("y", side * 24)
         kit.soft((0.042, 0.036, 0.1), (side * 0.056, 0.021, 0.022), shell, radius=0.017, cells=2, rotate=turn)
@@ -41,8 +41,9 @@ def game_controller(kit: Kit) -> None:
 def laptop_closed(kit: Kit) -> None:
     """A closed laptop."""
     metal = kit.m(kit.pick("steel", "plastic_black", "plastic_white"))
-    kit.panel((-0.16, 0.003, -0.11), (0.16, 0.011, 0.11), metal, bevel=0.003)
-    kit.panel((-0.16, 0.0118, -0.11), (0.16, 0.018, 0.11), metal, bevel=0.0025)
+    w = kit.near(0.16, 0.06)
+    kit.panel((-w, 0.003, -0.11), (w, 0.011, 0.11), metal, bevel=0.003)
+    kit.panel((-w, 0.0118, -0.11), (w, 0.018, 0.11), metal, bevel=0.0025)
     for x in (-0.13, 0.13):
         for z in (-0.09, 0.09):
             kit.box((0.02, 0.003, 0.008), (x, 0.0015, z), kit.m("plastic_black"))
@@ -100,7 +101,7 @@ def loudspeaker(kit: Kit) -> None:
 
 def monitor(kit: Kit) -> None:
     """A computer's monitor on its foot, switched off."""
-    w, h, y = float(kit.rng.choice([0.54, 0.61])), 0.335, 0.11
+    w, h, y = kit.near(0.57, 0.08), 0.335, kit.near(0.11, 0.15)
     black = kit.m("plastic_black")
     kit.panel((-0.12, 0.0, -0.09), (0.12, 0.012, 0.09), black, bevel=0.004)
     kit.panel((-0.022, 0.012, -0.045), (0.022, y + 0.14, -0.03), black, bevel=0.003)
@@ -167,7 +168,7 @@ def charging_cable(kit: Kit) -> None:
 
 def games_console(kit: Kit) -> None:
     """A games console lying flat."""
-    w, h, d = 0.29, 0.06, 0.21
+    w, h, d = kit.near(0.29, 0.08), kit.near(0.055, 0.2), kit.near(0.21, 0.08)
     kit.panel(
         (-w / 2, 0.004, -d / 2), (w / 2, h, d / 2), kit.m(kit.pick("plastic_black", "plastic_white")), bevel=0.006
     )

@@ -75,12 +75,26 @@ def coat(kit: Kit) -> None:
         half = w / 2 * min(1.0, 0.22 + 2.2 * t)
         deep = 0.02 + 0.055 * min(1.0, 2 * t)
         front = deep * (1 - 0.6 * u**2) + 0.012 * t * np.sin(7 * u + phase)
-        loops.append(np.stack([np.concatenate([half * u, half * u[::-1]]), np.full(18, 0.005 - drop * t),
-                               np.concatenate([np.full(9, 0.006), 0.012 + front[::-1]])], axis=1))  # fmt: skip
+        loops.append(
+            np.stack(
+                [
+                    np.concatenate([half * u, half * u[::-1]]),
+                    np.full(18, 0.005 - drop * t),
+                    np.concatenate([np.full(9, 0.006), 0.012 + front[::-1]]),
+                ],
+                axis=1,
+            )
+        )
     kit.loft(loops, cloth, crease=60.0)
     for side in (-1, 1):
-        kit.soft((0.12, 0.62 * drop, 0.06), (side * 0.4 * w, -0.5 * drop, 0.065), cloth, radius=0.03, cells=3,
-                 rotate=rotation("z", side * 6))  # fmt: skip
+        kit.soft(
+            (0.12, 0.62 * drop, 0.06),
+            (side * 0.4 * w, -0.5 * drop, 0.065),
+            cloth,
+            radius=0.03,
+            cells=3,
+            rotate=rotation("z", side * 6),
+        )
     for y in np.arange(-0.3, -drop + 0.1, -0.14):
         kit.cylinder(0.009, 0.005, (0.02, y, 0.085), kit.m("plastic_black"), axis="z", segments=7)
     kit.sound((-w / 2, -drop, 0.01), (w / 2, -0.1, 0.09), kit.m("sheet"))
@@ -111,8 +125,13 @@ def hat(kit: Kit) -> None:
     lying = rotation("x", 78)
     kit.rod((0, 0.07, 0), (0, 0.078, 0.05), 0.005, kit.m("metal"), sides=6)
     r = kit.near(0.145, 0.12)
-    kit.lathe([(0.09, 0.012), (r, 0.0), (r, 0.005), (0.094, 0.02), (0.082, 0.1), (0.05, 0.118), (0, 0.116)], cloth,
-              centre=(0, 0, 0.03), segments=18, rotate=lying)  # fmt: skip
+    kit.lathe(
+        [(0.09, 0.012), (r, 0.0), (r, 0.005), (0.094, 0.02), (0.082, 0.1), (0.05, 0.118), (0, 0.116)],
+        cloth,
+        centre=(0, 0, 0.03),
+        segments=18,
+        rotate=lying,
+    )
 
 
 def backpack(kit: Kit) -> None:
@@ -145,8 +164,12 @@ def umbrella_stand(kit: Kit) -> None:
             [foot, foot + 0.25 * (top - foot), top], [0.01, 0.032, 0.018], coloured(kit, "sheet", CLOTHS), segments=8
         )
         grip = top + 0.2 * (top - foot)
-        kit.tube([top, grip, grip + 0.05 * lean + (0, 0.03, 0), grip + 0.085 * lean - (0, 0.01, 0)], 0.009,
-                 coloured(kit, "stem", WOODS), segments=6)  # fmt: skip
+        kit.tube(
+            [top, grip, grip + 0.05 * lean + (0, 0.03, 0), grip + 0.085 * lean - (0, 0.01, 0)],
+            0.009,
+            coloured(kit, "stem", WOODS),
+            segments=6,
+        )
     kit.sound((-r, 0, -r), (r, 0.42, r), kit.m("ceramic"))
 
 
@@ -167,8 +190,13 @@ def post(kit: Kit) -> None:
     for k in range(int(kit.rng.integers(2, 6))):
         w, d = kit.near(0.2, 0.2), kit.near(0.13, 0.2)
         turn = rotation("y", float(kit.rng.uniform(-18, 18)))
-        kit.panel((-w / 2, y, -d / 2), (w / 2, y + 0.003, d / 2), kit.palette.tinted("paper", kit.pick("#e6e3da", "#d9cdb0", "#e9e9ea")),
-                  bevel=0.0, rotate=turn)  # fmt: skip
+        kit.panel(
+            (-w / 2, y, -d / 2),
+            (w / 2, y + 0.003, d / 2),
+            kit.palette.tinted("paper", kit.pick("#e6e3da", "#d9cdb0", "#e9e9ea")),
+            bevel=0.0,
+            rotate=turn,
+        )
         if k % 2 == 0:
             corners = np.array(
                 [
@@ -279,8 +307,14 @@ def gloves(kit: Kit) -> None:
     for k in range(2):
         turn = rotation("y", 35.0 * k)
         kit.soft((0.09, 0.022, 0.19), (0, 0.012 + 0.021 * k, 0), wool, radius=0.01, cells=3, rotate=turn)
-        kit.soft((0.03, 0.02, 0.07), np.array([0.0, 0.012 + 0.021 * k, 0.0]) + turn @ np.array([0.055, 0, 0.02]), wool, radius=0.009, cells=2,
-                 rotate=turn @ rotation("y", 30))  # fmt: skip
+        kit.soft(
+            (0.03, 0.02, 0.07),
+            np.array([0.0, 0.012 + 0.021 * k, 0.0]) + turn @ np.array([0.055, 0, 0.02]),
+            wool,
+            radius=0.009,
+            cells=2,
+            rotate=turn @ rotation("y", 30),
+        )
 
 
 def shoe_box(kit: Kit) -> None:
@@ -305,7 +339,7 @@ KINDS = (
     ClutterKind("lead", lead, ("wall",), {"hall": (0, 1)}, height=(1.2, 1.35)),
     ClutterKind("shoe_horn", shoe_horn, ("wall",), {"hall": (0, 1)}, height=(1.0, 1.2)),
     ClutterKind("key_board", key_board, ("door_side", "wall"), {"hall": (1, 1)}, height=(1.45, 1.55)),
-    ClutterKind("shoe_box", shoe_box, ("cabinet_top", "floor"), {"hall": (1, 2)}, turn=5),
+    ClutterKind("shoe_box", shoe_box, ("floor", "sideboard"), {"hall": (1, 2)}, turn=5),
     ClutterKind("post", post, ("sideboard",), {"hall": (1, 2)}, turn=25),
     ClutterKind("keys", keys, ("sideboard",), {"hall": (1, 2)}, turn=180),
     ClutterKind("gloves", gloves, ("sideboard", "cabinet_top"), {"hall": (0, 1)}, turn=60),

@@ -180,5 +180,5 @@ KINDS = (
     ),
     ClutterKind("vent", vent, ("wall",), {"bathroom": (1, 1), "kitchen": (1, 1)}, height=(2.2, 2.28)),
     ClutterKind("fuse_box", fuse_box, ("wall",), {"hall": (1, 1)}, height=(1.7, 2.2)),
-    ClutterKind("hook", hook, ("wall",), {"hall": (1, 3), "bathroom": (1, 3), "kitchen": (0, 2)}, height=(1.2, 1.35)),
+    ClutterKind("hook", hook, ("door_side", "tub_wall"), {"hall": (0, 2), "bathroom": (1, 2)}, height=(1.5, 1.6)),
 )

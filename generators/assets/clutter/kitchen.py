@@ -44,8 +44,12 @@ def plates(kit: Kit) -> None:
     glaze = coloured(kit, "pot_white", GLAZES)
     r, y = kit.near(0.118, 0.12), 0.0
     for _ in range(int(kit.rng.integers(3, 8))):
-        kit.lathe([(0, y), (0.6 * r, y), (r, y + 0.014), (r, y + 0.018), (0.62 * r, y + 0.006), (0, y + 0.005)], glaze,
-                  centre=(float(kit.rng.uniform(-0.002, 0.002)), 0.0, 0.0), segments=18)  # fmt: skip
+        kit.lathe(
+            [(0, y), (0.6 * r, y), (r, y + 0.014), (r, y + 0.018), (0.62 * r, y + 0.006), (0, y + 0.005)],
+            glaze,
+            centre=(float(kit.rng.uniform(-0.002, 0.002)), 0.0, 0.0),
+            segments=18,
+        )
         y += 0.0075
     if kit.rng.random() < 0.4:
         vessel(kit, BOWL, 0.55 * r, 0.05, coloured(kit, "pot_white", GLAZES), at=(0, y, 0))
@@ -88,11 +92,11 @@ def knife_block(kit: Kit) -> None:
     tilt = rotation("x", -22)
     kit.panel((-0.05, 0.02, -0.06), (0.05, 0.22, 0.04), wood, bevel=0.004, rotate=tilt)
     kit.panel((-0.045, 0.0, -0.06), (0.045, 0.06, 0.05), wood, bevel=0.002)
-    for k in range(5):
+    for k in range(int(kit.rng.integers(3, 7))):
         x, y = -0.032 + 0.032 * (k % 3), 0.226 - 0.006 * (k // 3)
         top = tilt @ np.array([0.0, 0.115, -0.03 + 0.05 * (k // 3)]) + (x, 0.12, -0.01)
         along = tilt @ np.array([0.0, 0.1, 0.0])
-        kit.rod(top, top + along * (1 - 0.12 * k) * y / 0.226, 0.009, kit.m("plastic_black"), sides=6)
+        kit.rod(top, top + along * kit.near(1 - 0.1 * k, 0.1) * y / 0.226, 0.009, kit.m("plastic_black"), sides=6)
 
 
 def chopping_boards(kit: Kit) -> None:
@@ -103,8 +107,14 @@ def chopping_boards(kit: Kit) -> None:
         x = float(kit.rng.uniform(-0.05, 0.05))
         tilt = rotation("x", -8)
         board = Kit(kit.palette, kit.rng)
-        board.slab((w, h, t), (0, h / 2, 0), kit.m("butcher") if kit.rng.random() < 0.5 else coloured(kit, "stem", WOODS),
-                   corner=0.03, bevel=0.003, steps=2)  # fmt: skip
+        board.slab(
+            (w, h, t),
+            (0, h / 2, 0),
+            kit.m("butcher") if kit.rng.random() < 0.5 else coloured(kit, "stem", WOODS),
+            corner=0.03,
+            bevel=0.003,
+            steps=2,
+        )
         mesh = board.build().transformed(tilt, np.zeros(3))
         kit.merge(mesh, centre=(x, -float(mesh.bounds[0, 1]), z))
         z += t + 0.004
@@ -126,8 +136,13 @@ def fruit(kit: Kit) -> None:
     for k in range(int(kit.rng.integers(4, 8))):
         a, out = 2 * np.pi * k / 5, (0.5 * r if k < 5 else 0.1 * r)
         size = kit.near(0.036, 0.15)
-        kit.sphere((size, kit.near(size, 0.15), size), (out * np.cos(a), 0.55 * h + (0.02 if k < 5 else 0.055),
-                   out * np.sin(a)), skins[k % 2], rings=6, segments=9)  # fmt: skip
+        kit.sphere(
+            (size, kit.near(size, 0.15), size),
+            (out * np.cos(a), 0.55 * h + (0.02 if k < 5 else 0.055), out * np.sin(a)),
+            skins[k % 2],
+            rings=6,
+            segments=9,
+        )
 
 
 def bread(kit: Kit) -> None:
@@ -143,8 +158,13 @@ def dish_rack(kit: Kit) -> None:
     metal = kit.m(kit.pick("chrome", "black_metal", "metal"))
     w, d = 0.36, 0.27
     for y in (0.012, 0.09):
-        kit.tube([(-w / 2, y, -d / 2), (w / 2, y, -d / 2), (w / 2, y, d / 2), (-w / 2, y, d / 2)], 0.003, metal,
-                 segments=4, closed=True)  # fmt: skip
+        kit.tube(
+            [(-w / 2, y, -d / 2), (w / 2, y, -d / 2), (w / 2, y, d / 2), (-w / 2, y, d / 2)],
+            0.003,
+            metal,
+            segments=4,
+            closed=True,
+        )
     for x in np.linspace(-w / 2 + 0.03, w / 2 - 0.03, 7):
         kit.rod((x, 0.012, -d / 2), (x, 0.012, d / 2), 0.0025, metal, sides=4)
     for x, z in ((-w / 2, -d / 2), (w / 2, -d / 2), (w / 2, d / 2), (-w / 2, d / 2)):
@@ -152,8 +172,13 @@ def dish_rack(kit: Kit) -> None:
     glaze = coloured(kit, "pot_white", GLAZES)
     r = 0.105
     for x in np.arange(-0.13, float(kit.rng.uniform(-0.05, 0.05)), 0.028):
-        kit.lathe([(0, 0), (0.6 * r, 0), (r, 0.012), (r, 0.016), (0.6 * r, 0.006), (0, 0.006)], glaze,
-                  centre=(x, 0.016 + r, 0.0), segments=16, rotate=rotation("z", -80))  # fmt: skip
+        kit.lathe(
+            [(0, 0), (0.6 * r, 0), (r, 0.012), (r, 0.016), (0.6 * r, 0.006), (0, 0.006)],
+            glaze,
+            centre=(x, 0.016 + r, 0.0),
+            segments=16,
+            rotate=rotation("z", -80),
+        )
     for z in (-0.06, 0.05):
         vessel(kit, MUG, 0.038, 0.09, coloured(kit, "pot_white", GLAZES), at=(0.11, 0.016, z), segments=10)
 
@@ -211,8 +236,16 @@ def drink_carton(kit: Kit) -> None:
     cell = label_cell(kit)
     carton(kit, (-w / 2, 0, -w / 2), (w / 2, h, w / 2), cell=cell)
     if kit.rng.random() < 0.6:
-        ridge = np.array([(-w / 2, h, w / 2), (w / 2, h, w / 2), (w / 2, h, -w / 2), (-w / 2, h, -w / 2),
-                          (-w / 2, h + 0.035, 0), (w / 2, h + 0.035, 0)])  # fmt: skip
+        ridge = np.array(
+            [
+                (-w / 2, h, w / 2),
+                (w / 2, h, w / 2),
+                (w / 2, h, -w / 2),
+                (-w / 2, h, -w / 2),
+                (-w / 2, h + 0.035, 0),
+                (w / 2, h + 0.035, 0),
+            ]
+        )
         kit.add(ridge, np.array([[0, 1, 5], [0, 5, 4], [2, 3, 4], [2, 4, 5], [1, 2, 5], [3, 0, 4]]), kit.m("paper"))
     else:
         kit.cylinder(0.014, 0.014, (0.0, h + 0.007, 0.0), coloured(kit, "plastic_white", PLASTICS), segments=10)
@@ -303,8 +336,15 @@ def tea_towel(kit: Kit) -> None:
     kit.mount = "wall"
     kit.panel((-0.012, -0.016, 0.0), (0.012, 0.016, 0.006), kit.m("metal"), bevel=0.002)
     kit.rod((0, 0.0, 0.006), (0, 0.006, 0.03), 0.004, kit.m("metal"), sides=6)
-    hanging(kit, kit.near(0.26, 0.1), 0.004, kit.near(0.42, 0.15), 0.022,
-            kit.m(kit.pick("print_0", "print_1", "print_2", "towel_0")), pinch=0.2)  # fmt: skip
+    hanging(
+        kit,
+        kit.near(0.26, 0.1),
+        0.004,
+        kit.near(0.42, 0.15),
+        0.022,
+        kit.m(kit.pick("print_0", "print_1", "print_2", "towel_0")),
+        pinch=0.2,
+    )
 
 
 def calendar(kit: Kit) -> None:
@@ -341,8 +381,14 @@ def note(kit: Kit) -> None:
     bow = 0.004 + 0.003 * float(kit.rng.random())
     kit.panel((-w / 2, -h / 2, 0.0), (w / 2, h / 2, 0.0006), kit.m("paper"), bevel=0.0)
     sheet(kit, [(-w / 2, -h / 2, bow), (w / 2, -h / 2, bow), (w / 2, h / 2, 0.001), (-w / 2, h / 2, 0.001)])
-    kit.cylinder(0.011, 0.006, (float(kit.rng.uniform(-0.2, 0.2)) * w, 0.42 * h, 0.004),
-                 coloured(kit, "plastic_white", PLASTICS), axis="z", segments=10)  # fmt: skip
+    kit.cylinder(
+        0.011,
+        0.006,
+        (float(kit.rng.uniform(-0.2, 0.2)) * w, 0.42 * h, 0.004),
+        coloured(kit, "plastic_white", PLASTICS),
+        axis="z",
+        segments=10,
+    )
 
 
 def frying_pan(kit: Kit) -> None:
@@ -352,8 +398,12 @@ def frying_pan(kit: Kit) -> None:
     kit.lathe([(0, 0), (0.8 * r, 0), (r, 0.042), (0.97 * r, 0.042), (0.78 * r, 0.005), (0, 0.005)], metal, segments=20)
     side = float(kit.rng.choice([-1, 1]))
     end = (side * 0.7 * (r + 0.17), 0.075, 0.7 * (r + 0.17))
-    kit.tube([(side * 0.67 * r, 0.034, 0.67 * r), (side * 0.8 * r, 0.05, 0.8 * r), end], [0.008, 0.009, 0.011],
-             kit.m("plastic_black"), segments=7)  # fmt: skip
+    kit.tube(
+        [(side * 0.67 * r, 0.034, 0.67 * r), (side * 0.8 * r, 0.05, 0.8 * r), end],
+        [0.008, 0.009, 0.011],
+        kit.m("plastic_black"),
+        segments=7,
+    )
 
 
 def saucepan(kit: Kit) -> None:
@@ -366,9 +416,17 @@ def saucepan(kit: Kit) -> None:
     )
     vessel(kit, POT, r, h, metal, segments=20)
     for side in (-1, 1):
-        kit.tube([(side * 0.98 * r, 0.75 * h, -0.03), (side * (r + 0.03), 0.8 * h, -0.02),
-                  (side * (r + 0.03), 0.8 * h, 0.02), (side * 0.98 * r, 0.75 * h, 0.03)], 0.005, kit.m("plastic_black"),
-                 segments=5)  # fmt: skip
+        kit.tube(
+            [
+                (side * 0.98 * r, 0.75 * h, -0.03),
+                (side * (r + 0.03), 0.8 * h, -0.02),
+                (side * (r + 0.03), 0.8 * h, 0.02),
+                (side * 0.98 * r, 0.75 * h, 0.03),
+            ],
+            0.005,
+            kit.m("plastic_black"),
+            segments=5,
+        )
     if kit.rng.random() < 0.6:
         kit.lathe([(r * 1.02, h), (0.6 * r, h + 0.014), (0, h + 0.018)], metal, segments=20)
         kit.sphere((0.016, 0.012, 0.016), (0, h + 0.028, 0), kit.m("plastic_black"), rings=4, segments=8)
@@ -383,9 +441,13 @@ def basket(kit: Kit) -> None:
     """A basket of wicker, empty or with boxes and cloths."""
     w, d, h = kit.near(0.28, 0.15), kit.near(0.2, 0.1), kit.near(0.15, 0.2)
     wicker = kit.m("wicker")
-    for lo, hi in (((-w / 2, 0, -d / 2), (w / 2, 0.01, d / 2)), ((-w / 2, 0, d / 2 - 0.012), (w / 2, h, d / 2)),
-                   ((-w / 2, 0, -d / 2), (w / 2, h, -d / 2 + 0.012)), ((-w / 2, 0, -d / 2 + 0.012), (-w / 2 + 0.012, h, d / 2 - 0.012)),
-                   ((w / 2 - 0.012, 0, -d / 2 + 0.012), (w / 2, h, d / 2 - 0.012))):  # fmt: skip
+    for lo, hi in (
+        ((-w / 2, 0, -d / 2), (w / 2, 0.01, d / 2)),
+        ((-w / 2, 0, d / 2 - 0.012), (w / 2, h, d / 2)),
+        ((-w / 2, 0, -d / 2), (w / 2, h, -d / 2 + 0.012)),
+        ((-w / 2, 0, -d / 2 + 0.012), (-w / 2 + 0.012, h, d / 2 - 0.012)),
+        ((w / 2 - 0.012, 0, -d / 2 + 0.012), (w / 2, h, d / 2 - 0.012)),
+    ):
         kit.panel(lo, hi, wicker, bevel=0.0)
     kit.tube(
         [(-w / 2, h, -d / 2), (w / 2, h, -d / 2), (w / 2, h, d / 2), (-w / 2, h, d / 2)],
@@ -470,28 +532,54 @@ OIL = Turned(
 SAUCE = Turned(
     SQUAT_BOTTLE, (0.028, 0.036), (0.14, 0.2), "plastic_white", PLASTICS, label=(0.12, 0.66), cap=(0.5, 0.03)
 )
-CLEANER = Turned(SQUAT_BOTTLE, (0.04, 0.048), (0.2, 0.26), "plastic_white", PLASTICS, label=(0.15, 0.65), cap=(0.5, 0.035),
-                 squash=0.62)  # fmt: skip
-PRESERVE = Turned(JAR, (0.033, 0.045), (0.08, 0.13), "glass", ("#8a3a2a", "#b5702a", "#7a7a3a", "#c9d6cf"), label=(0.2, 0.65),
-                  cap=(0.95, 0.012), cap_role="plastic_white", cap_codes=("#b6b9bb", "#a63c32", "#e6e4df"))  # fmt: skip
+CLEANER = Turned(
+    SQUAT_BOTTLE,
+    (0.04, 0.048),
+    (0.2, 0.26),
+    "plastic_white",
+    PLASTICS,
+    label=(0.15, 0.65),
+    cap=(0.5, 0.035),
+    squash=0.62,
+)
+PRESERVE = Turned(
+    JAR,
+    (0.033, 0.045),
+    (0.08, 0.13),
+    "glass",
+    ("#8a3a2a", "#b5702a", "#7a7a3a", "#c9d6cf"),
+    label=(0.2, 0.65),
+    cap=(0.95, 0.012),
+    cap_role="plastic_white",
+    cap_codes=("#b6b9bb", "#a63c32", "#e6e4df"),
+)
 CANISTER = Turned(
     JAR, (0.045, 0.062), (0.13, 0.22), "pot_white", GLAZES, cap=(0.97, 0.02), cap_role="stem", cap_codes=WOODS
 )
-MILL = Turned(((0, 0), (1, 0), (1, 0.08), (0.62, 0.35), (0.95, 0.62), (0.9, 0.72), (0.5, 0.76), (0.85, 0.88), (0, 1)), (0.024, 0.03),
-              (0.12, 0.24), "stem", (*WOODS, "#3a3a3b", "#e6e4df"))  # fmt: skip
+MILL = Turned(
+    ((0, 0), (1, 0), (1, 0.08), (0.62, 0.35), (0.95, 0.62), (0.9, 0.72), (0.5, 0.76), (0.85, 0.88), (0, 1)),
+    (0.024, 0.03),
+    (0.12, 0.24),
+    "stem",
+    (*WOODS, "#3a3a3b", "#e6e4df"),
+)
 GLASS = Turned(TUMBLER, (0.032, 0.042), (0.09, 0.14), "glass", GLASSES[:1])
 
 KINDS = (
+    ClutterKind("spice_rack", spice_rack, ("worktop_wall",), {"kitchen": (1, 1)}, height=(1.14, 1.32)),
+    ClutterKind("utensil_rail", utensil_rail, ("worktop_wall",), {"kitchen": (1, 1)}, height=(1.15, 1.28)),
+    ClutterKind("oven_glove", oven_glove, ("worktop_wall", "wall"), {"kitchen": (1, 1)}, height=(1.18, 1.25)),
     ClutterKind("frying_pan", frying_pan, ("hob",), {"kitchen": (0, 1)}, turn=20),
     ClutterKind("saucepan", saucepan, ("hob", "cabinet_top"), {"kitchen": (1, 3)}, turn=30),
     ClutterKind("dish_rack", dish_rack, ("worktop",), {"kitchen": (0, 1)}, turn=4),
     ClutterKind("chopping_boards", chopping_boards, ("worktop",), {"kitchen": (1, 1)}, turn=2, rear=True),
     ClutterKind("knife_block", knife_block, ("worktop",), {"kitchen": (0, 1)}, rear=True),
+    ClutterKind("tea_towel_folded", cloth, ("worktop", "table"), {"kitchen": (1, 1)}, turn=20),
     ClutterKind("kitchen_roll", kitchen_roll, ("worktop", "cabinet_top"), {"kitchen": (1, 1)}, turn=90, rear=True),
     ClutterKind("bread", bread, ("worktop", "table"), {"kitchen": (0, 1)}, turn=25),
     ClutterKind("fruit", fruit, ("table", "worktop"), {"kitchen": (0, 1)}, turn=90),
     ClutterKind("basket", basket, ("cabinet_top", "board"), {"kitchen": (1, 3), "bathroom": (0, 2), "hall": (0, 1)}),
-    ClutterKind("storage_box", storage_box, ("cabinet_top",), {"kitchen": (1, 2), "bathroom": (0, 1), "hall": (1, 2)}),
+    ClutterKind("storage_box", storage_box, ("cabinet_top",), {"kitchen": (1, 2), "bathroom": (0, 1), "hall": (0, 1)}),
     ClutterKind("cutlery", cutlery, ("worktop", "board"), {"kitchen": (1, 2)}, turn=90, rear=True),
     ClutterKind("soap_dispenser", soap_dispenser, ("worktop", "basin"), {"kitchen": (1, 2)}, turn=40, rear=True),
     ClutterKind("dish_brush", dish_brush, ("worktop",), {"kitchen": (1, 1)}, turn=90, rear=True),
@@ -513,10 +601,6 @@ KINDS = (
     ClutterKind("drinking_glass", GLASS, ("board", "worktop", "table"), {"kitchen": (2, 4)}, turn=180),
     ClutterKind("tin", tin, ("board", "worktop", "cabinet_top"), {"kitchen": (2, 4)}, turn=180),
     ClutterKind("preserve", PRESERVE, ("board", "worktop", "sill"), {"kitchen": (2, 4)}, turn=180),
-    ClutterKind("tea_towel_folded", cloth, ("worktop", "table"), {"kitchen": (1, 1)}, turn=20),
-    ClutterKind("spice_rack", spice_rack, ("worktop_wall",), {"kitchen": (1, 1)}, height=(1.22, 1.27)),
-    ClutterKind("utensil_rail", utensil_rail, ("worktop_wall",), {"kitchen": (1, 1)}, height=(1.22, 1.25)),
-    ClutterKind("oven_glove", oven_glove, ("worktop_wall", "wall"), {"kitchen": (1, 1)}, height=(1.18, 1.25)),
     ClutterKind("tea_towel", tea_towel, ("wall",), {"kitchen": (1, 2)}, height=(1.0, 1.15)),
     ClutterKind("note", note, ("fridge",), {"kitchen": (2, 4)}, height=(1.1, 1.6)),
     ClutterKind("magnet", magnet, ("fridge",), {"kitchen": (4, 7)}, height=(1.05, 1.7)),

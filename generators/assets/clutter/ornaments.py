@@ -192,8 +192,9 @@ def mug(kit: Kit) -> None:
 
 def carafe(kit: Kit) -> None:
     """A glass carafe."""
-    profile = [(0.0, 0.0), (0.05, 0.0), (0.056, 0.04), (0.05, 0.11), (0.024, 0.17), (0.024, 0.21), (0.034, 0.24)]
-    kit.lathe([*profile, (0.03, 0.24), (0.02, 0.21), (0.02, 0.17), (0.0, 0.12)], kit.m("glass"), segments=14)
+    outer = [(0.0, 0.0), (0.05, 0.0), (0.056, 0.04), (0.05, 0.11), (0.024, 0.17), (0.024, 0.21), (0.034, 0.24)]
+    inner = [(0.03, 0.24), (0.02, 0.21), (0.02, 0.17), (0.0, 0.12)]
+    kit.lathe(np.array(outer + inner) * (kit.near(1.0, 0.12), kit.near(1.0, 0.12)), kit.m("glass"), segments=14)
 
 
 def tray_with_cups(kit: Kit) -> None:
@@ -239,7 +240,7 @@ def scent_sticks(kit: Kit) -> None:
     kit.panel((-0.028, 0.0, -0.028), (0.028, 0.065, 0.028), kit.m("glass"), bevel=0.006)
     kit.cylinder(0.014, 0.016, (0.0, 0.073, 0.0), kit.m("metal"), segments=10)
     for k in range(6):
-        a = 1.05 * k
+        a = 1.05 * k + float(kit.rng.uniform(-0.3, 0.3))
         end = (0.04 * np.cos(a), 0.21 + 0.01 * (k % 3), 0.04 * np.sin(a))
         kit.rod((0.0, 0.08, 0.0), end, 0.0014, kit.m("stem"), sides=3)
 
@@ -279,7 +280,8 @@ def pen_cup(kit: Kit) -> None:
 def stapler(kit: Kit) -> None:
     """A stapler."""
     body = kit.m(kit.pick("plastic_black", "toy_red", "tone_0"))
-    kit.panel((-0.075, 0.0, -0.018), (0.075, 0.008, 0.018), body, bevel=0.002)
+    half = kit.near(0.07, 0.1)
+    kit.panel((-half, 0.0, -0.018), (half, 0.008, 0.018), body, bevel=0.002)
     turn = rotation("z", 9)
     kit.panel((-0.07, 0.024, -0.015), (0.07, 0.042, 0.015), body, bevel=0.004, rotate=turn)
     kit.box((0.03, 0.02, 0.02), (-0.058, 0.017, 0.0), kit.m("steel"))
@@ -287,7 +289,8 @@ def stapler(kit: Kit) -> None:
 
 def sticky_tape(kit: Kit) -> None:
     """A roll of adhesive tape standing on its rim."""
-    kit.torus(0.028, 0.009, (0.0, 0.037, 0.0), kit.m("plastic_white"), axis="z", segments=14, minor_segments=5)
+    r = kit.near(0.028, 0.2)
+    kit.torus(r, 0.009, (0.0, r + 0.009, 0.0), kit.m("plastic_white"), axis="z", segments=14, minor_segments=5)
 
 
 def letter_tray(kit: Kit) -> None:

@@ -101,7 +101,7 @@ KINDS = (
     ClutterKind(
         "folded_clothes", soft.folded_clothes, ("bed", "seat", "cabinet_top", "board"), {"bedroom": (2, 3)}, turn=15
     ),
-    ClutterKind("dropped_jumper", soft.dropped_garment, ("bed", "seat", "floor"), {"bedroom": (1, 2)}, turn=180),
+    ClutterKind("dropped_jumper", soft.dropped_garment, ("bed", "seat", "floor"), {"bedroom": (0, 1)}, turn=180),
     ClutterKind(
         "plush_bear",
         toys.plush_bear,

@@ -167,7 +167,15 @@ def rucksack(kit: Kit) -> None:
     cloth = kit.m(kit.pick("tone_0", "tone_3", "cushion_2", "plastic_black"))
     trim = kit.m("leather")
     lean = rotation("x", -7)
-    kit.soft((0.3, 0.42, 0.16), (0.0, 0.21, 0.0), cloth, radius=0.06, puff=(0.0, 0.0, 0.02), cells=3, rotate=lean)
+    kit.soft(
+        (kit.near(0.3, 0.08), 0.42, 0.16),
+        (0.0, 0.21, 0.0),
+        cloth,
+        radius=0.06,
+        puff=(0.0, 0.0, 0.02),
+        cells=3,
+        rotate=lean,
+    )
     kit.soft((0.23, 0.17, 0.07), (0.0, 0.12, 0.1), cloth, radius=0.03, cells=2, rotate=lean)
     kit.box((0.16, 0.006, 0.005), (0.0, 0.19, 0.131), trim)
     t = np.linspace(0, np.pi, 7)

@@ -72,11 +72,11 @@ def plush_bear(kit: Kit) -> None:
 
 def stacking_rings(kit: Kit) -> None:
     """A cone of wooden rings."""
-    y = 0.012
+    y, high = 0.012, kit.near(0.0245, 0.04)
     kit.cylinder(0.05, 0.012, (0.0, 0.006, 0.0), kit.m("wood"), segments=12)
     for k, r in enumerate((0.045, 0.038, 0.031, 0.024)):
         kit.torus(r - 0.012, 0.012, (0.0, y + 0.012, 0.0), kit.m(PAINTS[k]), segments=10, minor_segments=5)
-        y += 0.0245
+        y += high
     kit.rod((0.0, 0.012, 0.0), (0.0, y + 0.006, 0.0), 0.008, kit.m("wood"), sides=6)
     kit.sphere(0.016, (0.0, y + 0.014, 0.0), kit.m("toy_red"), rings=4, segments=8)
 
@@ -98,7 +98,8 @@ def board_games(kit: Kit) -> None:
 
 def wooden_train(kit: Kit) -> None:
     """A wooden train of an engine and two waggons."""
-    for k, x in enumerate((-0.11, 0.0, 0.11)):
+    gap = kit.near(0.108, 0.05)
+    for k, x in enumerate((-gap, 0.0, gap)):
         paint = kit.m(PAINTS[k])
         kit.panel((x - 0.045, 0.016, -0.022), (x + 0.045, 0.032, 0.022), kit.m("wood"), bevel=0.003)
         if k == 0:
