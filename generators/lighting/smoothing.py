@@ -19,7 +19,7 @@ _REACH = 1.5
 #: Added to the variance of the texels' places (texels²), so that one or two texels give no wild slope.
 _RIDGE = 0.1
 #: The first unknown texel beside known ones gets at least this part of their light.
-_LEAST = 0.5
+_LEAST = 0.85
 #: Cells beyond the covered ones that get a value, for look-up with rounding errors and for mip-maps.
 _RINGS = 2
 #: Texels per piece of work.

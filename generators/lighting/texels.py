@@ -109,26 +109,9 @@ def rasterise(surfaces: LitSurfaces, sheet: Sheet, wanted: NDArray[np.bool_] | N
         wanted: (F,) which faces; all if missing.
         workers: threads; the result does not depend on them.
     """
-    cells = int(sheet.offset[-1])
-    nearest = np.full(cells, np.inf, dtype=np.float32)
-    beside = np.full(cells, np.inf, dtype=np.float32)
-    owner = np.full(cells, -1, dtype=np.int32)
-    weights = np.zeros((cells, 2), dtype=np.float32)
-    tight = _is_tight(surfaces, sheet)
-    faces = np.flatnonzero(np.ones(len(sheet.uv), dtype=bool) if wanted is None else wanted)
-    # Faces are ordered by part, and each part has cells of its own.
-    begin = np.searchsorted(surfaces.part[faces], np.arange(len(sheet.width) + 1))
-
-    def cover(first: int, last: int) -> None:
-        own = faces[begin[first] : begin[last]]
-        maps = sheet.uv, sheet.chart, surfaces.part, sheet.offset, sheet.width, sheet.height
-        _cover(own, *maps, False, nearest, owner, weights)
-        if tight[own].any():
-            _cover(own[~tight[own]], *maps, True, beside, owner, weights)
-
-    in_chunks(cover, len(sheet.width), 1, workers)
+    nearest, owner, weights = _owners(surfaces, sheet, wanted, workers)
     cell = np.flatnonzero(owner >= 0)
-    index = np.full(cells, -1, dtype=np.int32)
+    index = np.full(len(owner), -1, dtype=np.int32)
     index[cell] = np.arange(len(cell), dtype=np.int32)
     face = owner[cell]
     count = len(cell)
@@ -170,6 +153,31 @@ def rasterise(surfaces: LitSurfaces, sheet: Sheet, wanted: NDArray[np.bool_] | N
         albedo=albedo,
         area=area,
     )
+
+
+def _owners(
+    surfaces: LitSurfaces, sheet: Sheet, wanted: NDArray[np.bool_] | None, workers: int
+) -> tuple[F32, I32, F32]:
+    """Of each cell: squared distance (texels²) to the nearest face, the face it stands for or -1, and where (2)."""
+    cells = int(sheet.offset[-1])
+    nearest = np.full(cells, np.inf, dtype=np.float32)
+    beside = np.full(cells, np.inf, dtype=np.float32)
+    owner = np.full(cells, -1, dtype=np.int32)
+    weights = np.zeros((cells, 2), dtype=np.float32)
+    tight = _is_tight(surfaces, sheet)
+    faces = np.flatnonzero(np.ones(len(sheet.uv), dtype=bool) if wanted is None else wanted)
+    # Faces are ordered by part, and each part has cells of its own.
+    begin = np.searchsorted(surfaces.part[faces], np.arange(len(sheet.width) + 1))
+
+    def cover(first: int, last: int) -> None:
+        own = faces[begin[first] : begin[last]]
+        maps = sheet.uv, sheet.chart, surfaces.part, sheet.offset, sheet.width, sheet.height
+        _cover(own, *maps, False, nearest, owner, weights)
+        if tight[own].any():
+            _cover(own[~tight[own]], *maps, True, beside, owner, weights)
+
+    in_chunks(cover, len(sheet.width), 1, workers)
+    return nearest, owner, weights
 
 
 def _is_tight(surfaces: LitSurfaces, sheet: Sheet) -> NDArray[np.bool_]:
