@@ -88,7 +88,7 @@ _LEVEL_YAW = 1.0
 #: Gap between small things (m), and between them and the edge of what they stand on (m).
 _GAP, _EDGE = 0.006, 0.004
 #: Distance between the rays under a thing (m), at most, and how far from flat a surface may be (m).
-_RAY_STEP, _FLAT = 0.015, 0.0012
+_RAY_STEP, _FLAT = 0.008, 0.0012
 #: Height above a support from which the first rays look for it (m).
 _PROBE = 0.03
 #: Gap between a thing and its support (m), so that no faces coincide.
