@@ -81,8 +81,13 @@ def home_plans(homes: int = HOMES, seed: int = SEED) -> list[ObservationPlan]:
 
 
 def entropy(scene: Scene, face: NDArray[np.int32]) -> float:
-    """How many things a picture of faces (H, W) shows: the entropy (bit) of the shares of its parts and materials."""
-    kinds = np.concatenate([1000 * n + part.mesh.face_material for n, part in enumerate(scene.parts)])
+    """How many things a picture of faces (H, W) shows: the entropy (bit) of the shares of its parts and materials.
+
+    The outdoors, of many materials, is one thing.
+    """
+    own = [np.array([-1 if m.shown else 1000 * n + i for i, m in enumerate(part.mesh.materials)]) for n, part in
+           enumerate(scene.parts)]  # fmt: skip
+    kinds = np.concatenate([table[part.mesh.face_material] for table, part in zip(own, scene.parts, strict=True)])
     _, count = np.unique(kinds[face[face >= 0]], return_counts=True)
     share = count / count.sum()
     return float(-(share * np.log2(share)).sum())
