@@ -138,7 +138,7 @@ def test_lamps_shine_and_other_things_do_not(palette: Palette) -> None:
 
 
 def test_metals_and_glass_are_glossy(palette: Palette) -> None:
-    assert palette.material("chrome").roughness == pytest.approx(0.06)
+    assert palette.material("chrome").roughness == pytest.approx(0.05)
     assert all(
         palette.material(r).roughness < 0.64 for r in ("metal", "tap", "chrome", "steel", "glass", "black_glass")
     )
