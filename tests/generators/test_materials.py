@@ -37,7 +37,7 @@ def test_every_role_has_a_material_that_is_bright_and_labelled_like_a_real_one(p
         material = palette.material(role)
         assert material.name == role
         assert material.acoustic in LABELS, role
-        assert 0 < material.roughness <= 1
+        assert 0 <= material.roughness <= 1
         colour = np.array(material.colour)
         if material.texture is not None:
             colour = colour * to_linear(material.texture.pixels / 255).mean(axis=(0, 1))
