@@ -452,7 +452,7 @@ def _radiance_of(table: F32, display: np.float32) -> np.float32:
     last = table.shape[0] - 1
     x = min(max(display, _ZERO), _ONE) * np.float32(last)
     i = min(int(x), last - 1)
-    return table[i] + (x - np.float32(i)) * (table[i + 1] - table[i])
+    return np.float32(table[i] + (x - np.float32(i)) * (table[i + 1] - table[i]))
 
 
 @njit

@@ -6,6 +6,8 @@ Whether a surface reflects, and how, is its material's: see `generators.vision.t
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from generators.core.rays import CHUNK, Tracer
@@ -137,13 +139,14 @@ class Reflections:
             self._see_through(rows.copy(), geometry, light)
         return rows, weight, rays
 
-    def _see_through(self, rows: I32, geometry: tuple[object, ...], light: F32) -> None:
+    def _see_through(self, rows: I32, geometry: tuple[Any, ...], light: F32) -> None:
         """Add what lies behind clear hits to their radiance."""
         weight, rays = np.empty((len(rows), 3), dtype=np.float32), _rays(len(rows))
         count = kernels.see_through(rows, *geometry, self._tables, weight, *rays)
         if count:
             first, reach = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.float32)
-            light[rows[:count]] += weight[:count] * self._walk(*(each[:count] for each in rays), first, reach)
+            origins, directions, cone = (each[:count] for each in rays)
+            light[rows[:count]] += weight[:count] * self._walk(origins, directions, cone, first, reach)
 
     def _walk(self, origins: F32, directions: F32, cone: F32, first: I32, reach: F32) -> F32:
         """Radiance (M, 3) of M rays, 0 without a direction; writes the first face that each met, and its distance."""
