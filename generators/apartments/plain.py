@@ -11,8 +11,9 @@ from generators.core.scene import Material, Texture
 UNTEXTURED = frozenset(
     {
         "accent_paint", "black_glass", "black_metal", "bulb", "ceramic", "ceramic_accent", "chrome", "enamel",
-        "fruit_green", "fruit_orange", "fruit_red", "glass", "hood_light", "lamp_glass", "metal", "mount_board",
-        "paper", "plastic_black", "plastic_white", "pot", "pot_white", "radiator", "stem", "tap",
+        "fruit_green", "fruit_orange", "fruit_red", "glass", "hood_light", "lamp_glass", "metal", "mirror",
+        "mount_board", "paper", "plastic_black", "plastic_white", "pot", "pot_white", "radiator", "stem", "tap",
+        "tone_0", "tone_1", "tone_2", "tone_3", "toy_blue", "toy_green", "toy_red", "toy_yellow",
     }
 )  # fmt: skip
 
