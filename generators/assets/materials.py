@@ -447,7 +447,7 @@ _RECIPES: dict[str, Recipe] = {
     "metal": _metal("metal"),
     "tap": _metal("tap"),
     "chrome": _bare_metal("#dcdee0", 0.05),
-    "mirror": _bare_metal("#f2f4f4", 0.0),
+    "mirror": _bare_metal("#ebeeee", 0.0),
     "black_metal": _plain("metal", "#3a3a3b", 0.42),
     "steel": _bare_metal("#c3c5c7", 0.28, surfaces.brushed),
     "enamel": _plain("metal", "#e6e6e3", 0.2),
@@ -455,7 +455,7 @@ _RECIPES: dict[str, Recipe] = {
     "ceramic": _plain("ceramic", "#e9e8e4", 0.1),
     "ceramic_accent": _paint("accent_paint"),
     "glass": _plain("glass", "#b9c8ca", 0.05),
-    "black_glass": _touched(_plain("glass", "#26272a", 0.04)),
+    "black_glass": _touched(_plain("glass", "#303134", 0.04)),
     "screen": _touched(_drawn("glass", pictures.tv_screen, 0.12)),
     "hob": _touched(_drawn("glass", pictures.hob, 0.04)),
     "oven_panel": lambda palette, style, role, rng: _textured(

@@ -142,7 +142,10 @@ class Reflections:
     def _see_through(self, rows: I32, geometry: tuple[Any, ...], light: F32) -> None:
         """Add what lies behind clear hits to their radiance."""
         weight, rays = np.empty((len(rows), 3), dtype=np.float32), _rays(len(rows))
-        count = kernels.see_through(rows, *geometry, self._tables, weight, *rays)
+        face, distance, u, v, towards, view, spread = geometry
+        count = kernels.see_through(
+            rows, face, distance, u, v, towards, view, spread, self._tables, weight, rays[0], rays[1], rays[2]
+        )
         if count:
             first, reach = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.float32)
             origins, directions, cone = (each[:count] for each in rays)
