@@ -20,8 +20,8 @@ from generators.library.lock import LOCK_NAME, Lock, read_lock
 MANIFESTS = Path(__file__).parents[1] / "scenes_manifest"
 #: Manifests that have a recorded counterpart.
 SOURCES = ("open-s34-o7", "listen")
-#: Version of the recorded counterparts: 3.1.0 has a coffee machine and microwaves.
-VERSION = "3.1.0"
+#: Version of the recorded counterparts.
+VERSION = "4.0.0"
 _HEADER = """\
 # The observations of {name}.yaml with recordings instead of synthesised sounds, where the lock file has some
 # for tests; the other categories have their voices for tests. Written by `python -m benchmarks.recorded_manifests`.
