@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from generators.core.albedos import dielectric_albedo
 from generators.core.jit import njit
 from generators.core.scene import F32, I32, Part, Texture
 
@@ -38,8 +39,10 @@ class LitSurfaces:
         face_normal: (F, 3) float32 unit geometric normals (zero for a degenerate face).
         uv: (F, 3, 2) float32 texture coordinates.
         part: (F,) int32 index of the part.
-        material: (F,) int32 index into the three following.
+        material: (F,) int32 index into the five following.
         colour: (M, 3) float32 albedo factor.
+        specular: (M,) float32 share of a uniform light that a dielectric's surface reflects besides; 0 of metals, whose
+            colour is all that they reflect. In the bake, this light goes on diffusely, too.
         emission: (M, 3) float32 radiance.
         glass: (M,) bool, whether it sounds like glass: the panes of windows do.
         image: (M, 3) int64: offset into ``pixels``, rows, columns of the material's texture.
@@ -53,6 +56,7 @@ class LitSurfaces:
     part: I32
     material: I32
     colour: F32
+    specular: F32
     emission: F32
     glass: NDArray[np.bool_]
     image: NDArray[np.int64]
@@ -70,6 +74,7 @@ class LitSurfaces:
         length = np.linalg.norm(cross, axis=1, keepdims=True)
         face_normal = np.where(length > 0, cross / np.where(length > 0, length, 1.0), 0.0).astype(np.float32)
         colour: list[tuple[float, float, float]] = []
+        specular: list[float] = []
         emission: list[tuple[float, float, float]] = []
         glass: list[bool] = []
         image: list[tuple[int, int, int]] = []
@@ -81,6 +86,7 @@ class LitSurfaces:
             material.append(part.mesh.face_material + len(colour))
             for m in part.mesh.materials:
                 colour.append(m.colour)
+                specular.append((1.0 - m.metallic) * dielectric_albedo(m.roughness))
                 emission.append(m.emission)
                 glass.append(m.acoustic == "glass")
                 if m.texture is None:
@@ -101,6 +107,7 @@ class LitSurfaces:
             part=np.repeat(np.arange(len(parts), dtype=np.int32), [len(m.positions) for m in meshes]),
             material=np.concatenate(material).astype(np.int32),
             colour=np.array(colour, dtype=np.float32),
+            specular=np.array(specular, dtype=np.float32),
             emission=np.array(emission, dtype=np.float32),
             glass=np.array(glass, dtype=bool),
             image=np.array(image, dtype=np.int64),
@@ -120,7 +127,16 @@ def _reduced(texture: Texture, limit: int) -> F32:
 
 @njit
 def _albedo(
-    face: I32, v: F32, w: F32, uv: F32, material: I32, colour: F32, image: NDArray[np.int64], pixels: F32, out: F32
+    face: I32,
+    v: F32,
+    w: F32,
+    uv: F32,
+    material: I32,
+    colour: F32,
+    specular: F32,
+    image: NDArray[np.int64],
+    pixels: F32,
+    out: F32,
 ) -> None:
     for i in range(len(face)):
         f = face[i]
@@ -136,7 +152,7 @@ def _albedo(
         row = min(int((1.0 - (t - np.floor(t))) * rows), rows - 1)
         pixel = image[m, 0] + row * columns + column
         for c in range(3):
-            out[i, c] = colour[m, c] * pixels[pixel, c]
+            out[i, c] = min(colour[m, c] * pixels[pixel, c] + specular[m], 1.0)
 
 
 def albedo_at(surfaces: LitSurfaces, face: I32, v: F32, w: F32) -> F32:
@@ -145,7 +161,8 @@ def albedo_at(surfaces: LitSurfaces, face: I32, v: F32, w: F32) -> F32:
     Black where ``face`` is negative. The nearest texel is taken: textures are kept at `TEXTURE_LIMIT`.
     """
     out = np.empty((len(face), 3), dtype=np.float32)
-    _albedo(face, v, w, surfaces.uv, surfaces.material, surfaces.colour, surfaces.image, surfaces.pixels, out)
+    looks = surfaces.material, surfaces.colour, surfaces.specular, surfaces.image, surfaces.pixels
+    _albedo(face, v, w, surfaces.uv, *looks, out)
     return out
 
 

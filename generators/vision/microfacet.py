@@ -12,13 +12,11 @@ from functools import lru_cache
 
 import numpy as np
 
+from generators.core.albedos import COSINES, ROUGHNESSES
 from generators.core.jit import inline
 from generators.core.low_discrepancy import PATTERNS, TILE, net, pattern_of
 from generators.core.scene import F32
-from generators.vision.albedos import COSINES, ROUGHNESSES
 
-#: Reflectance at normal incidence of dielectrics with an index of refraction of 1.5.
-DIELECTRIC = np.float32(0.04)
 #: Side of the square of pixels whose rays are stratified together.
 BLOCK = 8 * TILE
 #: Of the scrambling of the tiles' points.

@@ -14,10 +14,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from generators.core.albedos import DIELECTRIC
 from generators.core.jit import inline, njit
 from generators.core.scene import F32, I32
 from generators.vision.kernels import MISS, PinholeView, _bilinear, _light
-from generators.vision.microfacet import BLOCK, DIELECTRIC, directional_albedo, lobe_normal, schlick
+from generators.vision.microfacet import BLOCK, directional_albedo, lobe_normal, schlick
 from generators.vision.tables import CLEAR, GLOSSY, SATIN, TRACED, TRACING_LIMIT, SceneTables
 
 U8 = NDArray[np.uint8]

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
+from generators.core.albedos import albedo_table
 from generators.core.scene import F32, I32, LightMap, Material, Part, Scene
 from generators.core.tone import inverse_tone_curve
-from generators.vision.albedos import albedo_table
 from generators.vision.textures_pool import TexturePool, build_plain_pool, build_pool, distinct
 
 F64 = NDArray[np.float64]

@@ -13,8 +13,9 @@ import generators.vision.embree as embree
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.assets.shapes import MeshBuilder
+from generators.core.albedos import albedo_table, dielectric_albedo
 from generators.core.scene import Material, Mesh, Part, Scene, StageFile, Texture
-from generators.vision.albedos import albedo_table
+from generators.lighting.surfaces import LitSurfaces, albedo_at
 from generators.vision.embree import EmbreeBackend, EmbreeSession
 
 ORIGIN = Pose.from_yaw((0, 0, 0), 0.0)
@@ -83,6 +84,19 @@ def test_smooth_dielectrics_follow_schlick_at_all_angles() -> None:
         scene(uniform(), MeshBuilder().quad(floor, glaze).build()), Pose.from_yaw((0, 0, 0), 0.0, -np.pi / 2), size=33
     )
     assert below[16, 16, 0] == pytest.approx(0.04, rel=0.01)
+
+
+def test_light_that_goes_on_from_a_dielectric_has_its_specular_share() -> None:
+    """The mean of Schlick's term over a uniform light is F0 + (1 − F0) / 21."""
+    assert dielectric_albedo(0.0) == pytest.approx(0.04 + 0.96 / 21, rel=0.01)
+    assert dielectric_albedo(1.0) == 0.0
+    matte, glazed, steel = (
+        Material("m", "tile", (0.3,) * 3, roughness=r, metallic=m) for r, m in ((1, 0), (0, 0), (0, 1))
+    )
+    surfaces = LitSurfaces.of([Part("p", wall(material, -1.0)) for material in (matte, glazed, steel)])
+    face, middle = np.array([0, 2, 4], dtype=np.int32), np.full(3, 0.3, dtype=np.float32)
+    found = albedo_at(surfaces, face, middle, middle)
+    np.testing.assert_allclose(found[:, 0], [0.3, 0.3 + dielectric_albedo(0.0), 0.3], rtol=1e-5)
 
 
 @pytest.mark.parametrize("roughness", [0.0, 0.2])

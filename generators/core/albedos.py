@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from generators.core.low_discrepancy import net
 from generators.core.scene import F32
 
+#: Reflectance at normal incidence of dielectrics with an index of refraction of 1.5.
+DIELECTRIC = np.float32(0.04)
 #: Entries of the table along the roughness and along cos θ.
 ROUGHNESSES, COSINES = 32, 32
 #: Samples of each entry.
@@ -38,6 +40,17 @@ def albedo_table() -> F32:
         table[row, :, 0] = (weight * (1.0 - grazing)).mean(axis=1)
         table[row, :, 1] = (weight * grazing).mean(axis=1)
     return table.astype(np.float32)
+
+
+@lru_cache(maxsize=256)
+def dielectric_albedo(roughness: float) -> float:
+    """Share of a uniform light that the surface of a dielectric reflects in all directions; 0 of a matte one."""
+    if roughness >= 1.0:
+        return 0.0
+    cosine = (np.arange(COSINES) + 0.5) / COSINES
+    rows = np.arange(ROUGHNESSES) / (ROUGHNESSES - 1)
+    towards = albedo_table() @ np.array([DIELECTRIC, 1.0], dtype=np.float32)
+    return float(np.interp(roughness, rows, (towards * 2.0 * cosine).mean(axis=1)))
 
 
 def _lambda(cosine: NDArray[np.float64], alpha: float) -> NDArray[np.float64]:
