@@ -32,8 +32,10 @@ BOUNCES = 4
 BRIGHT = np.float32(0.2)
 #: Rays start this far off the surface (m).
 LIFT = np.float32(2e-4)
-#: The most radiance that one ray of a lobe brings. Rays that meet a small lamp by chance would be seen as dots.
+#: The most radiance that one ray of a lobe brings.
 FIREFLY = np.float32(8.0)
+#: How many times the mean of the others the brightest ray counts in an average.
+LONE = np.float32(6.0)
 #: Half-width of a lobe that a ray stands for in a look-up of textures, in units of α: rays of pixels around are near.
 PART = np.float32(0.5)
 #: Radius of the average over a lobe, in units of the lobe's radius on the screen, and its least and most (pixels).
@@ -717,9 +719,10 @@ def smooth(
 ) -> None:
     """Average the radiance of lobes along the rows, then ``down`` the columns, of a picture's pixels first to last.
 
-    Only pixels of one surface count whose normals differ by less than the lobe is wide.
+    Only pixels of one surface count whose normals differ by less than the lobe is wide. On what is no metal the
+    brightest of them counts at most `LONE` times the mean of the others.
     """
-    surfaces, normal = tables.surface, tables.normal
+    surfaces, normal, finish = tables.surface, tables.normal, tables.finish
     stride, length = (width, height) if down else (1, width)
     for i in range(first, last):
         around = radius[i]
@@ -740,6 +743,8 @@ def smooth(
         lean = alpha[i] * alpha[i] + np.float32(1e-6)
         reach = int(around)
         red = green = blue = total = _ZERO
+        top = share = _ZERO
+        brightest = i
         for away in range(max(-reach, -place), min(reach, length - 1 - place) + 1):
             j = i + away * stride
             if radius[j] < _ZERO or (alpha[j] < _ZERO and not down):
@@ -756,7 +761,19 @@ def smooth(
             green += w * lobe[j, 1]
             blue += w * lobe[j, 2]
             total += w
+            bright = lobe[j, 0] + lobe[j, 1] + lobe[j, 2]
+            if bright > top:
+                top, share, brightest = bright, w, j
         total = max(total, _TINY)
+        rest = total - share
+        most = LONE * (red + green + blue - share * top) / max(rest, _TINY)
+        # A ray that met a small lamp by chance would be seen as a dot; on metals, which are dark but for what they
+        # reflect, as the lamp's highlight.
+        if rest > _TINY and top > most and finish[surface, 1] < _HALF:
+            less = share * (_ONE - most / top)
+            red -= less * lobe[brightest, 0]
+            green -= less * lobe[brightest, 1]
+            blue -= less * lobe[brightest, 2]
         out[i, 0], out[i, 1], out[i, 2] = red / total, green / total, blue / total
 
 
@@ -802,13 +819,15 @@ def reuse(
         directions: (M, 3) of the rays; the same.
         light: (N, 3) radiance of the hits.
     """
-    surfaces, plane = tables.surface, tables.normal
+    surfaces, plane, corner, finish = tables.surface, tables.normal, tables.corner_normal, tables.finish
     for k in range(rows.shape[0]):
         if weight[k, 0] + weight[k, 1] + weight[k, 2] <= _ZERO:
             continue
         i = rows[k]
         f = face[i]
         surface = surfaces[f]
+        if finish[surface, 1] > _HALF and not _is_flat(corner, f):  # what a thin rod shows changes within a pixel
+            continue
         pixel = pixels[i // samples]
         y = pixel // width
         x = pixel - y * width
