@@ -73,6 +73,7 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
     "home": (
         "avs3d_bench.errors",
         "generators.apartments",
+        "generators.assets.clutter",
         "generators.assets.finishes",
         "generators.assets.forms",
         "generators.assets.furniture",
@@ -186,7 +187,7 @@ BACKENDS: Mapping[str, tuple[str, ...]] = {
     "generators.vision.cuda": ("generators.vision.device_kernels",),
     "generators.vision.splats.backend": ("generators.vision.splats",),
     "generators.vision.habitat": ("generators.vision.habitat_process", "generators.vision.habitat_worker"),
-    "generators.vision.pathtraced": ("generators.vision.mitsuba_scene",),
+    "generators.vision.pathtraced": ("generators.vision.mitsuba_materials", "generators.vision.mitsuba_scene"),
 }
 
 #: Libraries that only import names of ours on demand: no result depends on their version.

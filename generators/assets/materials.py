@@ -380,7 +380,7 @@ def _floor(palette: Palette, style: Style, role: str, rng: np.random.Generator) 
     label, roughness = finishes.DRY_FLOORS[kind]
 
     def lay(stream: np.random.Generator) -> Material:
-        new = surfaced(role, label, finishes.dry_floor(kind, spec, stream), roughness, finishes.FLOOR)
+        new = surfaced("dry_floor", label, finishes.dry_floor(kind, spec, stream), roughness, finishes.FLOOR)
         return _used(new, wear.trodden, style, stream)
 
     return replace(palette.shared("dry floor", lay), name=role)

@@ -22,6 +22,8 @@ _SAMPLES = 1024
 def albedo_table() -> F32:
     """(`ROUGHNESSES`, `COSINES`, 2) float32: A and B at roughness i / (n − 1) and cos θ (j + 0.5) / n.
 
+    The albedo of a surface that reflects F0 at normal incidence is F0 · A + B.
+
     Integrated with samples of the visible normals (E. Heitz, "Sampling the GGX Distribution of Visible Normals", JCGT
     7(4), 2018) and the height-correlated Smith term; light is reflected once.
     """

@@ -70,15 +70,6 @@ def tone_table() -> NDArray[np.float32]:
     return tone_curve(WHITE * root * root).astype(np.float32)
 
 
-def linear_table(entries: int = 1 << 16) -> NDArray[np.float32]:
-    """(entries,) float32: i / (n − 1) squared, in place of `tone_table` where shading shall give radiance itself.
-
-    Interpolation adds at most ``white`` / (4 (n − 1)²) to a radiance, with ``white`` at the end of the table.
-    """
-    root = np.linspace(0.0, 1.0, entries)
-    return (root * root).astype(np.float32)
-
-
 def srgb_table() -> NDArray[np.uint8]:
     """(`SRGB_ENTRIES`,) uint8: the 8-bit sRGB value of linear light i / (n − 1)."""
     return np.rint(255.0 * srgb_encode(np.linspace(0.0, 1.0, SRGB_ENTRIES))).astype(np.uint8)

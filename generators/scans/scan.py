@@ -22,7 +22,7 @@ from generators.assets.acoustic_twin import clustered
 from generators.assets.meshfile import load_mesh
 from generators.assets.modelframe import upright
 from generators.core.boxes import yaw_matrix
-from generators.core.scene import Licence, Mesh, Part, Room, Scene, SplatFile, StageFile, Support
+from generators.core.scene import Licence, Material, Mesh, Part, Room, Scene, SplatFile, StageFile, Support
 from generators.scans.annotations import Annotations
 from generators.scans.backing import backing_of
 from generators.scans.files import ScanFiles, find_scan_files, scan_files_of
@@ -253,6 +253,8 @@ def similarity(rotation: NDArray[np.float64], scale: float = 1.0) -> NDArray[np.
 def _read_mesh(path: Path, rotation: NDArray[np.float64], textures: bool, scale: float = 1.0) -> Mesh:
     """The mesh of a scan, turned and in metres; without ``textures`` it is plain.
 
+    Its materials are matte and do not shine: what reflects or shines is in the pictures already.
+
     Raises:
         Avs3dError: if it is broken or reaches too far.
     """
@@ -264,9 +266,9 @@ def _read_mesh(path: Path, rotation: NDArray[np.float64], textures: bool, scale:
             f"{path}: reaches {reach:,.0f} m from its origin; expected at most {FARTHEST:,.0f} m; is it in "
             "millimetres, or has it a stray vertex? repair or rescale it"
         )
-    if not textures:
-        mesh = replace(mesh, materials=tuple(replace(m, colour=PLAIN, texture=None) for m in mesh.materials))
-    return mesh
+    looks = ((m.colour, m.texture) if textures else (PLAIN, None) for m in mesh.materials)
+    pictures = (Material(m.name, m.acoustic, *look) for m, look in zip(mesh.materials, looks, strict=True))
+    return replace(mesh, materials=tuple(pictures))
 
 
 def _files(name: str, source: str | Path | ScanFiles) -> ScanFiles:

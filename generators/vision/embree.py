@@ -83,7 +83,6 @@ class EmbreeSession:
         """Make the working memory of a frame."""
         width, height = self._intrinsics.width, self._intrinsics.height
         self._face = np.empty(width * height, dtype=np.int32)
-        self._pixels = np.arange(width * height, dtype=np.int32)
         self._directions = np.empty((max(CHUNK, width), 3), dtype=np.float32)
         self._light = np.empty((max(CHUNK, width), 3), dtype=np.float32)
         self._radiance = np.empty((width * height, 3), dtype=np.float32)
@@ -117,8 +116,8 @@ class EmbreeSession:
 
         Returns:
             (H, W, 3) float32 radiance times the scene's exposure, and (H, W) int32 the face that each pixel shows,
-            counted through all parts, −1 for none. Faces with `Material.shown` and the pictures of a scan are not
-            radiance: they are given as they are displayed.
+            counted through all parts, −1 for none. The pictures of a scan are not radiance: they are given as they are
+            displayed.
 
         Raises:
             Avs3dError: if the session has been closed.
@@ -128,7 +127,7 @@ class EmbreeSession:
         view = view_of(self._intrinsics, pose)
         for _ in self._trace_centres(self._tracer, view):
             pass
-        self._add_reflections(view)
+        self._add_reflections()
         shape = view.height, view.width
         return self._radiance.reshape(*shape, 3).copy(), self._face.reshape(shape).copy()
 
@@ -175,7 +174,7 @@ class EmbreeSession:
                 self._reflections.trace(hit, directions, view, block, light)
             yield block, hit
 
-    def _add_reflections(self, view: PinholeView) -> None:
+    def _add_reflections(self) -> None:
         if self._reflections is not None:
             self._reflections.add(self._face, self._radiance)
 
@@ -188,7 +187,7 @@ class EmbreeSession:
         for block, hit in self._trace_centres(tracer, view):
             kernels.write_geometry(hit["primID"], hit["tfar"], tables, depth[block], ids[block])
             hits.append((block, hit))
-        self._add_reflections(view)
+        self._add_reflections()
         for block, hit in hits:
             light = self._radiance[block]
             kernels.develop(hit["primID"], tables, self._tone, WHITE, light)

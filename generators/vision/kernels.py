@@ -47,7 +47,7 @@ STRONG = 16
 _1, _2 = np.uint64(1), np.uint64(2)
 _ZERO, _ONE, _HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
 #: Share of the view's height at either edge that is left out: texels there mix with those of the other edge.
-_VIEW_EDGE = np.float32(0.004)
+VIEW_EDGE = np.float32(0.004)
 
 
 class PinholeView(NamedTuple):
@@ -333,7 +333,7 @@ def shade(
                 further = view_distance[surface] * abs(inverse)
                 depth += further
                 s += gd * further
-                t = min(max(t + hd * further, _VIEW_EDGE), _ONE - _VIEW_EDGE)
+                t = min(max(t + hd * further, VIEW_EDGE), _ONE - VIEW_EDGE)
             r, g, b = _filtered(
                 texels,
                 decode,

@@ -36,7 +36,7 @@ def write_materials_glb(scene: Scene, path: Path, *, parts: Sequence[Part] | Non
     chosen = scene.parts if parts is None else tuple(parts)
     groups: dict[tuple[int, bool], tuple[Material, list[Part]]] = {}
     for part in chosen:
-        for material in part.mesh.materials:
+        for material in dict.fromkeys(part.mesh.materials):
             groups.setdefault((id(material), scene.is_scan(part)), (material, []))[1].append(part)
     file, textures = GltfFile(), dict[int, int]()
     for (_, unlit), (material, users) in groups.items():

@@ -9,8 +9,7 @@ reads radiance, albedo and normals, if ``pyoidn`` is installed. What shines by i
 of a scan) has no noise, and stays as it was traced.
 
 Materials are the microfacet model of glTF (see `generators.vision.mitsuba_scene`): metal, enamel, tiles and screens
-reflect the room. A window shows its picture with the radiance that lights the room, so that it is overexposed as in a
-photograph.
+reflect the room. What windows and the pictures of a scan show is taken from `generators.vision.embree`.
 """
 
 from __future__ import annotations

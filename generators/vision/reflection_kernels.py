@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from generators.core.albedos import DIELECTRIC
 from generators.core.jit import inline, njit
 from generators.core.scene import F32, I32
-from generators.vision.kernels import MISS, PinholeView, _bilinear, _light
+from generators.vision.kernels import MISS, VIEW_EDGE, PinholeView, _bilinear, _light
 from generators.vision.microfacet import BLOCK, directional_albedo, lobe_normal, schlick
 from generators.vision.tables import CLEAR, GLOSSY, SATIN, TRACED, TRACING_LIMIT, SceneTables
 
@@ -32,14 +32,16 @@ BOUNCES = 4
 BRIGHT = np.float32(0.2)
 #: Rays start this far off the surface (m).
 LIFT = np.float32(2e-4)
-#: The most radiance that one ray of a lobe brings. Rays that meet a small lamp by chance would be seen as dots.
+#: The most radiance that one ray of a lobe brings.
 FIREFLY = np.float32(8.0)
+#: How many times the mean of the others the brightest ray counts in an average.
+LONE = np.float32(6.0)
 #: Half-width of a lobe that a ray stands for in a look-up of textures, in units of α: rays of pixels around are near.
 PART = np.float32(0.5)
 #: Radius of the average over a lobe, in units of the lobe's radius on the screen, and its least and most (pixels).
 SHARE, LEAST, WIDEST = np.float32(0.8), np.float32(2.0), np.float32(6.0)
-#: From this roughness on every other pixel has a ray, like the black squares of a chessboard.
-HALVED = np.float32(0.25)
+#: From this roughness on every other pixel of a flat face has a ray, like the black squares of a chessboard.
+HALVED = np.float32(0.11)
 #: Width of a lobe's mirrored directions (radians) in units of α.
 WIDTH = np.float32(1.4)
 
@@ -85,6 +87,24 @@ def _repeats(gradient: F32, f: int, width: np.float32) -> np.float32:
 
 
 @inline
+def _beyond(
+    gradient: F32,
+    f: int,
+    s: np.float32,
+    t: np.float32,
+    dx: np.float32,
+    dy: np.float32,
+    dz: np.float32,
+    further: np.float32,
+    width: np.float32,
+) -> Triple:
+    """Coordinates in the view behind face f, and repeats that ``width`` spans, ``further`` along d; see `shade`."""
+    s += further * (gradient[f, 0, 0] * dx + gradient[f, 0, 1] * dy + gradient[f, 0, 2] * dz)
+    t += further * (gradient[f, 1, 0] * dx + gradient[f, 1, 1] * dy + gradient[f, 1, 2] * dz)
+    return s, min(max(t, VIEW_EDGE), _ONE - VIEW_EDGE), _repeats(gradient, f, width)
+
+
+@inline
 def _normalised(x: np.float32, y: np.float32, z: np.float32) -> Triple:
     scale = _ONE / np.float32(math.sqrt(max(x * x + y * y + z * z, _TINY)))
     return x * scale, y * scale, z * scale
@@ -101,6 +121,15 @@ def _corner_mean(normal: F32, plane: F32, f: int, u: np.float32, v: np.float32) 
     if x * gx + y * gy + z * gz < np.float32(0.1):
         x, y, z = gx, gy, gz
     return x, y, z
+
+
+@inline
+def _is_flat(normal: F32, f: int) -> bool:
+    """Whether the shading normals at a face's corners are alike."""
+    change = _ZERO
+    for k in range(3):
+        change += abs(normal[f, 1, k]) + abs(normal[f, 2, k])
+    return bool(change < np.float32(1e-3))
 
 
 @inline
@@ -353,7 +382,7 @@ def reflect(
             pixel = pixels[i // samples]
             y = pixel // view.width
             x = pixel - y * view.width
-            sparse = 1 if samples == 1 and roughness > HALVED else 0
+            sparse = 1 if samples == 1 and roughness > HALVED and _is_flat(corner, f) else 0
             if sparse == 1 and (x + y) % 2 == 1:
                 directions[k, 0] = directions[k, 1] = directions[k, 2] = _ZERO
                 cone[k, 0], cone[k, 1], cone[k, 2] = width, step, -alpha
@@ -506,6 +535,7 @@ def follow(
     map_texels, map_offset, map_size, map_first, map_decode = tables.maps
     gains = tables.gains
     developed, glow, undeveloped = tables.developed, tables.glow, tables.undeveloped
+    view_distance, shown = tables.view_distance, tables.albedo
     count = 0
     for i in range(face.shape[0]):
         f, row = face[i], owner[i]
@@ -518,18 +548,30 @@ def follow(
             continue
         surface = surfaces[f]
         b1, b2 = u[i], v[i]
+        dx, dy, dz = directions[i, 0], directions[i, 1], directions[i, 2]
+        gx, gy, gz = plane[f, 0], plane[f, 1], plane[f, 2]
+        facing = gx * dx + gy * dy + gz * dz
+        side = -_ONE if facing > _ZERO else _ONE
         width = cone[i, 0] + cone[i, 1] * distance[i]
-        red, green, blue = base[surface, 0], base[surface, 1], base[surface, 2]
         texture = texture_of[surface]
+        if view_distance[surface] > _ZERO and texture >= 0 and side > _ZERO and cone[i, 2] == _ZERO:
+            # What a mirror shows through a window; lobes meet its mean light, strip by strip.
+            s, t = _at(uv, f, b1, b2)
+            further = view_distance[surface] / max(-facing, np.float32(1e-6))
+            s, t, width = _beyond(gradient, f, s, t, dx, dy, dz, further, width + cone[i, 1] * further)
+            last = first[texture + 1] - 1
+            r, g, b = _texel(texels, decode, offset, size, first[texture], last, s, t, width)
+            seen[row, 0] += tr * shown[surface, 0] * r
+            seen[row, 1] += tg * shown[surface, 1] * g
+            seen[row, 2] += tb * shown[surface, 2] * b
+            continue
+        red, green, blue = base[surface, 0], base[surface, 1], base[surface, 2]
         if texture >= 0:
             s, t = _at(uv, f, b1, b2)
             last = first[texture + 1] - 1
             r, g, b = _texel(texels, decode, offset, size, first[texture], last, s, t, _repeats(gradient, f, width))
             red, green, blue = red * r, green * g, blue * b
         cr, cg, cb = red, green, blue
-        dx, dy, dz = directions[i, 0], directions[i, 1], directions[i, 2]
-        gx, gy, gz = plane[f, 0], plane[f, 1], plane[f, 2]
-        side = -_ONE if gx * dx + gy * dy + gz * dz > _ZERO else _ONE
         kept, goes_on = _ONE, False
         nr = ng = nb = _ZERO
         if not is_last and shine[surface] >= GLOSSY:
@@ -677,9 +719,10 @@ def smooth(
 ) -> None:
     """Average the radiance of lobes along the rows, then ``down`` the columns, of a picture's pixels first to last.
 
-    Only pixels of one surface count whose normals differ by less than the lobe is wide.
+    Only pixels of one surface count whose normals differ by less than the lobe is wide. On what is no metal the
+    brightest of them counts at most `LONE` times the mean of the others.
     """
-    surfaces, normal = tables.surface, tables.normal
+    surfaces, normal, finish = tables.surface, tables.normal, tables.finish
     stride, length = (width, height) if down else (1, width)
     for i in range(first, last):
         around = radius[i]
@@ -687,13 +730,21 @@ def smooth(
             for c in range(3):
                 out[i, c] = lobe[i, c]
             continue
-        place = i // width if down else i % width
+        column = i % width
+        if alpha[i] < _ZERO:  # without a ray: those on the left and right have one
+            if column > 0 and radius[i - 1] > _ZERO and alpha[i - 1] > _ZERO:
+                around = min(around, radius[i - 1])
+            if column + 1 < width and radius[i + 1] > _ZERO and alpha[i + 1] > _ZERO:
+                around = min(around, radius[i + 1])
+        place = i // width if down else column
         f = face[i]
         surface = surfaces[f]
         nx, ny, nz = normal[f, 0], normal[f, 1], normal[f, 2]
         lean = alpha[i] * alpha[i] + np.float32(1e-6)
         reach = int(around)
         red = green = blue = total = _ZERO
+        top = share = _ZERO
+        brightest = i
         for away in range(max(-reach, -place), min(reach, length - 1 - place) + 1):
             j = i + away * stride
             if radius[j] < _ZERO or (alpha[j] < _ZERO and not down):
@@ -710,7 +761,19 @@ def smooth(
             green += w * lobe[j, 1]
             blue += w * lobe[j, 2]
             total += w
+            bright = lobe[j, 0] + lobe[j, 1] + lobe[j, 2]
+            if bright > top:
+                top, share, brightest = bright, w, j
         total = max(total, _TINY)
+        rest = total - share
+        most = LONE * (red + green + blue - share * top) / max(rest, _TINY)
+        # A ray that met a small lamp by chance would be seen as a dot; on metals, which are dark but for what they
+        # reflect, as the lamp's highlight.
+        if rest > _TINY and top > most and finish[surface, 1] < _HALF:
+            less = share * (_ONE - most / top)
+            red -= less * lobe[brightest, 0]
+            green -= less * lobe[brightest, 1]
+            blue -= less * lobe[brightest, 2]
         out[i, 0], out[i, 1], out[i, 2] = red / total, green / total, blue / total
 
 
@@ -756,13 +819,15 @@ def reuse(
         directions: (M, 3) of the rays; the same.
         light: (N, 3) radiance of the hits.
     """
-    surfaces, plane = tables.surface, tables.normal
+    surfaces, plane, corner, finish = tables.surface, tables.normal, tables.corner_normal, tables.finish
     for k in range(rows.shape[0]):
         if weight[k, 0] + weight[k, 1] + weight[k, 2] <= _ZERO:
             continue
         i = rows[k]
         f = face[i]
         surface = surfaces[f]
+        if finish[surface, 1] > _HALF and not _is_flat(corner, f):  # what a thin rod shows changes within a pixel
+            continue
         pixel = pixels[i // samples]
         y = pixel // width
         x = pixel - y * width

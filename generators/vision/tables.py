@@ -37,7 +37,7 @@ class SceneTables(NamedTuple):
         albedo: (S, 3) float32 material colour, or radiance of what is shown instead, times `Scene.gains`.
         emission: (S, 3) float32 emission times `Scene.gains`; 0 where something is shown in its place.
         view_distance: (S,) float32 `Material.view_distance`.
-        shine: (S,) uint8, what the surface reflects besides diffuse light: see `MATTE`, `SATIN`, `GLOSSY`.
+        shine: (S,) uint8, what the surface reflects besides diffuse light: see `MATTE`, `SATIN`, `GLOSSY`, `CLEAR`.
         finish: (S, 4) float32 roughness, metallic, transmission, clearcoat.
         colour: (S, 3) float32 material colour.
         glow: (S, 3) float32 emission times `Scene.gains`, where something is shown in its place too.
@@ -47,7 +47,7 @@ class SceneTables(NamedTuple):
         roughening: (S,) int32 roughness map of ``maps``, −1 for none.
         maps: textures of plain numbers.
         developed: (S,) uint8, 1 where colour × texture × light is display light already: the pictures of a scan.
-        albedos: directional albedos, see `microfacet.albedo_table`.
+        albedos: directional albedos, see `generators.core.albedos.albedo_table`.
         undeveloped: (1024,) float32 radiance times exposure that is shown as i / (n − 1) of linear display light.
         light_texels: flat float32; a map is (height, width, 3), row 0 at v = 0.
         light_offset: (M,) int64, where each map begins.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -232,6 +233,8 @@ def test_vertex_colours_run_over_the_faces(tmp_path: Path, suffix: str) -> None:
     colours = np.array([[230, 0, 170], [170, 0, 230], [170, 0, 230], [230, 0, 170]], dtype=np.uint8)
     low, high = (170 / 255, 230 / 255) if suffix.startswith("glb") else (0.402, 0.791)  # linear light, or sRGB
     mesh = load_mesh(with_colours(tmp_path, suffix, colours), twin="surface")
+    # Without what the surface reflects besides its colour.
+    mesh = replace(mesh, materials=tuple(replace(material, roughness=1.0) for material in mesh.materials))
     scene = Scene("c", (Part("c", mesh),), (), ())
     camera = Intrinsics.from_fov(64, 60.0)
     light, face = EmbreeBackend().open(scene, camera).radiance(Pose.from_yaw((0.5, 0.5, 1.2), 0.0))

@@ -278,3 +278,20 @@ def test_the_highlight_of_a_lamp_is_as_wide_as_the_path_tracers(roughness: float
     for share in (0.5, 0.1):
         width, wanted = ((each > share * reference.max()).sum() for each in (row, reference))
         assert width == pytest.approx(wanted, abs=2 if share == 0.5 else 0.2 * wanted)
+
+
+def test_a_small_lamp_leaves_no_dots_on_a_satin_floor_and_a_window_keeps_its_light() -> None:
+    """Rare rays that meet a small bright lamp are no dots; where half of the lobe meets a window its light stays."""
+    satin = replace(BLACK, roughness=0.4)
+    dim = replace(WHITE_GLOW, emission=(0.2,) * 3)
+
+    def floor_under(side: float, radiance_of: float) -> NDArray[np.float32]:
+        lit = replace(WHITE_GLOW, emission=(radiance_of,) * 3)
+        lamp = MeshBuilder().box((side, side, 0.05), (0, 0, 2.0), lit).build()
+        return radiance(scene(wall(satin, -2.0, 3.0), lamp, uniform(9.0, dim)), size=128, fov=60.0)[..., 0]
+
+    plain = np.median(floor_under(0.01, 0.2))
+    dots = floor_under(0.04, 60.0)
+    assert dots.max() < 2.0 * plain
+    window = floor_under(4.0, 3.0)[60:68, 60:68]
+    assert window.mean() > 7.0 * plain

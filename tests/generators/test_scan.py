@@ -10,6 +10,7 @@ import trimesh
 
 from avs3d_bench.errors import Avs3dError
 from generators.core.scene import Scene, Support
+from generators.lighting.surfaces import LitSurfaces
 from generators.scans.layers import largest_rectangle, rectangles
 from generators.scans.scan import Axes, ScanAcoustics, load_scan
 
@@ -61,6 +62,28 @@ def test_a_scan_is_one_part_that_brings_its_own_light(scan: Scene) -> None:
     (part,) = scan.parts
     assert (part.name, part.instance_id, part.category, part.light) == ("abcDEF", 0, None, None)
     assert scan.room("kitchen").low == (-2.0, 0.0, -1.5)
+
+
+@pytest.mark.parametrize("kind", ["glb", "obj", "ply"])
+def test_a_scan_is_its_pictures_and_neither_reflects_nor_shines(tmp_path: Path, kind: str) -> None:
+    room = furnished_room()
+    if kind == "ply":
+        mesh = room.to_mesh()
+        mesh.visual = trimesh.visual.ColorVisuals(mesh, vertex_colors=np.full((len(mesh.vertices), 4), 200, np.uint8))
+        mesh.export(tmp_path / "a.ply")
+    elif kind == "obj":
+        (tmp_path / "m.mtl").write_text("newmtl gloss\nKd 0.5 0.5 0.5\nKs 1 1 1\nNs 200\nKe 1 1 1\n")
+        text = trimesh.exchange.obj.export_obj(room.to_mesh(), include_texture=False, include_color=False)
+        (tmp_path / "a.obj").write_text(f"mtllib m.mtl\nusemtl gloss\n{text}")
+    else:
+        glow = trimesh.visual.material.PBRMaterial(emissiveFactor=[1, 1, 1], roughnessFactor=0.3, metallicFactor=0.0)
+        for mesh in room.geometry.values():
+            mesh.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(mesh.vertices), 2)), material=glow)
+        room.export(tmp_path / "a.glb")
+    (part,) = load_scan("a", tmp_path / f"a.{kind}", {"kitchen": BOX}).parts
+    surfaces = LitSurfaces.of((part,))
+    assert (surfaces.emission.max(), surfaces.specular.max()) == (0.0, 0.0)
+    assert surfaces.colour.max() > 0
 
 
 def test_the_floor_is_found(scan: Scene) -> None:

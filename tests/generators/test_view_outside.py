@@ -59,6 +59,23 @@ def test_a_view_lies_on_a_plane_behind_the_pane(eye: tuple[float, float, float])
     np.testing.assert_allclose(frame.depth[row, column], eye[2] + 2, rtol=1e-5)
 
 
+def test_a_mirror_shows_the_view_behind_a_window() -> None:
+    """A mirror beside the eye shows the pane behind it, and through it the plane of the view, turned left to right."""
+    view = Material("view", "glass", texture=ramp(), shown=(1.0, 1.0, 1.0), view_distance=AWAY)
+    builder = MeshBuilder()
+    metal = Material("metal", "metal", (1.0, 1.0, 1.0), roughness=0.0, metallic=1.0)
+    builder.quad([(3, -3, 1), (-3, -3, 1), (-3, 3, 1), (3, 3, 1)], metal)
+    scene = Scene("view", (Part("pane", pane(view, 0.7)), Part("mirror", builder.build())), (), (), exposure=0.5)
+    frame = render(EmbreeBackend(), scene, [Pose.from_yaw((0.0, 0.0, -1.9), np.pi)], CAMERA)[0]
+    y, x = np.mgrid[0:96, 0:96]
+    across, up = (x + 0.5 - CAMERA.cx) / CAMERA.fx, -(y + 0.5 - CAMERA.cy) / CAMERA.fy
+    met = (np.abs(across) * 5.9 < 0.65) & (np.abs(up) * 5.9 < 0.65)
+    place = np.stack([0.5 - across * (5.9 + AWAY) / SPAN, 0.5 + up * (5.9 + AWAY) / SPAN], axis=-1)[met]
+    expected = develop(0.5 * srgb_decode(place.clip(0, 1)))
+    assert met.sum() > 60
+    np.testing.assert_allclose(frame.rgb[met][:, :2].astype(int), expected.astype(int), atol=3)
+
+
 def test_above_and_below_the_view_its_edges_go_on() -> None:
     view = Material("view", "glass", texture=ramp(), shown=(1.0, 1.0, 1.0), view_distance=60.0)
     scene, camera = Scene("view", (Part("pane", pane(view)),), (), ()), Intrinsics.from_fov(384)

@@ -1,6 +1,6 @@
-"""Small objects: baskets, boxes, bins and stands that hold things.
+"""Small things: baskets, boxes, bins and stands that hold things.
 
-Each builder adds one object to an empty `Kit`: standing on y = 0 about the origin, its front towards +Z.
+Each builder adds one thing to an empty `Kit`: standing on y = 0 about the origin, its front towards +Z.
 """
 
 from __future__ import annotations

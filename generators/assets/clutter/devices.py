@@ -1,6 +1,6 @@
-"""Small objects: passive devices and their cables. None looks like a category that sounds.
+"""Small things: passive devices and their cables. None looks like a category that sounds.
 
-Each builder adds one object to an empty `Kit`: standing or lying on y = 0 about the origin, its front towards +Z.
+Each builder adds one thing to an empty `Kit`: standing or lying on y = 0 about the origin, its front towards +Z.
 """
 
 from __future__ import annotations

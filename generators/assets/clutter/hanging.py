@@ -1,6 +1,6 @@
-"""Small objects on walls: ledges with frames, hooks, plates, hangings, small shelves.
+"""Small things on walls: ledges with frames, hooks, plates, hangings, small shelves.
 
-Each builder adds one object to an empty `Kit` with its back at z = 0, the wall.
+Each builder adds one thing to an empty `Kit` with its back at z = 0, the wall.
 """
 
 from __future__ import annotations

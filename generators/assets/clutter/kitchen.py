@@ -35,7 +35,6 @@ from generators.assets.furniture.common import Kit
 from generators.assets.furniture.plants import small_plant
 from generators.assets.shapes import rotation
 
-_METALS = ("#b6b9bb", "#8f9396", "#3a3a3b")
 _FRUITS = ("#dd8a35", "#8aa843", "#b23a32", "#e3c04a", "#6d8a3c")
 
 

@@ -1,6 +1,6 @@
-"""Small objects: vases, candles, frames, sculptures, glasses and other things on tables and shelves.
+"""Small things: vases, candles, frames, sculptures, glasses and other things on tables and shelves.
 
-Each builder adds one object to an empty `Kit`: standing on y = 0 about the origin, its front towards +Z.
+Each builder adds one thing to an empty `Kit`: standing on y = 0 about the origin, its front towards +Z.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Small objects: books, papers and post.
+"""Small things: books, papers and post.
 
-Each builder adds one object to an empty `Kit`: standing or lying on y = 0 about the origin, its front towards +Z.
+Each builder adds one thing to an empty `Kit`: standing or lying on y = 0 about the origin, its front towards +Z.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def standing_books(kit: Kit) -> None:
     book(leaning, (0.0, 0.0, -0.14), (thick, high, 0.0), cell)
     # It touches the row with its upper left edge and the board with its lower left edge.
     shift = x + high * np.sin(np.radians(lean)) + 0.0005
-    kit.merge(leaning.build(), centre=(shift, thick * 0.0 + 0.0, 0.075), rotate=rotation("z", lean))
+    kit.merge(leaning.build(), centre=(shift, 0.0, 0.075), rotate=rotation("z", lean))
 
 
 def lying_books(kit: Kit) -> None:

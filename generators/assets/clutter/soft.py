@@ -1,6 +1,6 @@
-"""Small objects of cloth and leather: cushions, blankets, clothes, shoes and bags.
+"""Small things of cloth and leather: cushions, blankets, clothes, shoes and bags.
 
-Each builder adds one object to an empty `Kit`: lying or standing on y = 0 about the origin, its front towards +Z; what
+Each builder adds one thing to an empty `Kit`: lying or standing on y = 0 about the origin, its front towards +Z; what
 hangs has its back at z = 0 and its hook at the top.
 """
 

@@ -1,6 +1,6 @@
-"""Small objects: toys and games.
+"""Small things: toys and games.
 
-Each builder adds one object to an empty `Kit`: standing or lying on y = 0 about the origin, its front towards +Z.
+Each builder adds one thing to an empty `Kit`: standing or lying on y = 0 about the origin, its front towards +Z.
 """
 
 from __future__ import annotations
