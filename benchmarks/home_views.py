@@ -191,12 +191,13 @@ def choose_command(output: Path) -> None:
 @click.option("--vision", default=None, help="Renderer [embree].")
 @click.option("--device", type=click.Choice(["cpu", "cuda"]), default="cpu", show_default=True)
 @click.option("--size", default=336, show_default=True, help="Side of the pictures (pixels).")
-def render_command(views: Path, output: Path, vision: Any, device: Any, size: int) -> None:
+@click.option("--home", "homes", multiple=True, type=click.IntRange(1), help="Number of a home; repeatable [all].")
+def render_command(views: Path, output: Path, vision: Any, device: Any, size: int, homes: tuple[int, ...]) -> None:
     """Render VIEWS as home_N-M.png; pictures that are there already are kept."""
     output.mkdir(parents=True, exist_ok=True)
     for number, (plan, own) in enumerate(zip(home_plans(), read_json(views), strict=True), start=1):
         paths = [output / f"home_{number}-{index}.png" for index in range(1, len(own) + 1)]
-        if all(path.exists() for path in paths):
+        if (homes and number not in homes) or all(path.exists() for path in paths):
             continue
         asked = replace(plan, options=replace(plan.options, vision=vision, device=device))
         started = time.process_time()

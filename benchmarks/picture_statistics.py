@@ -13,9 +13,8 @@ table of all. Of each picture:
 - shares of pixels that are clipped (a channel ≥ 254), white (all channels ≥ 254) and black (all ≤ 2).
 - slope of the power spectrum: of brightness, in the largest central square, less its weighted mean and times a Hann
   window in both directions; mean power in `BINS` rings of equal width in log frequency, from `BAND`'s lower end (cycles
-  a picture) to its upper end (cycles a pixel), and a straight line through their logarithms. 0 is white noise. D. J.
-  Field, "Relations between the statistics of natural images and the response properties of cortical cells", J. Opt.
-  Soc. Am. A 4(12), 1987, found 1/f² in power; see `PUBLISHED` for others.
+  a picture) to its upper end (cycles a pixel), and a straight line through their logarithms. 0 is white noise; see
+  `PUBLISHED` for photographs.
 - noise: J. Immerkær, "Fast noise variance estimation", Computer Vision and Image Understanding 64(2), 1996, in blocks
   of 8 × 8 pixels without clipped ones; the lower quartile of the blocks, in steps of 8 bits.
 
@@ -71,12 +70,10 @@ SIZE, FRAMES = 252, 9
 CARD, CARD_HEIGHT, GREY, CARD_SIZE = 0.2, 1.2, 0.18, 96
 #: Largest distance from neutral of a grey card's ratios.
 NEUTRAL = 0.05
-#: Slopes of power spectra of photographs in the literature.
-PUBLISHED = {
-    "Field 1987, 6 natural scenes": -2.0,
-    "Tolhurst, Tadmor and Chao 1992, 135 natural photographs (amplitude −1.2)": -2.4,
-    "van der Schaaf and van Hateren 1996, 276 natural scenes": -1.88,
-}
+#: Slopes of power spectra of photographs in the literature: twice those of amplitude that D. J. Tolhurst, Y. Tadmor and
+#: T. Chao, "Amplitude spectra of natural images", Ophthalmic & Physiological Optics 12(2), 1992, give for 135
+#: photographs (−1.2, from −0.8 to −1.5), and for what several studies before had suggested (−1).
+PUBLISHED = {"135 photographs of nature (Tolhurst et al. 1992)": -2.4, "suggested before (the same)": -2.0}
 
 
 def luma(picture: Picture) -> Array:
