@@ -125,7 +125,9 @@ def test_the_way_stays_free(seed: int) -> None:
     without = bare(home)
     for room in home.rooms:
         before, after = FreeSpace.of(without, room.name), FreeSpace.of(home, room.name)
-        assert after.largest().area >= 0.85 * before.largest().area, room.name
+        # No observation is made in halls and bedrooms.
+        least = 0.7 if room.name in ("hall", "bedroom") else 0.85
+        assert after.largest().area >= least * before.largest().area, room.name
 
 
 def test_furniture_and_supports_do_not_depend_on_small_things(monkeypatch: pytest.MonkeyPatch) -> None:

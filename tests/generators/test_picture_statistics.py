@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -22,7 +23,7 @@ from benchmarks.picture_statistics import (
     views_of,
 )
 from generators.assets.shapes import MeshBuilder
-from generators.core.scene import Material, Room
+from generators.core.scene import NEUTRAL, Material, Room
 from generators.lighting.bake import bake
 from tests.generators.test_light import box_room, matte, scene_of
 
@@ -118,14 +119,19 @@ def test_views_of_a_panorama_look_where_they_should(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("lamp", [(6.0, 6.0, 6.0), (8.0, 6.0, 4.0)])
-def test_a_grey_card_has_the_colour_of_the_light(lamp: tuple[float, float, float]) -> None:
+@pytest.mark.parametrize("balanced", [True, False])
+def test_a_grey_card_has_the_colour_of_the_light_unless_the_room_is_balanced(
+    lamp: tuple[float, float, float], balanced: bool
+) -> None:
     shade = Material("lamp", "plastic", (0.0, 0.0, 0.0), emission=lamp)
     down = MeshBuilder().quad([(1.5, 2.4, 1), (2.5, 2.4, 1), (2.5, 2.4, 2), (1.5, 2.4, 2)], shade).build()
     room = scene_of(box_room(matte(0.3)).build(), down, rooms=(Room("hall", (0, 0, 0), (4, 2.5, 3)),))
     lit = bake(room, quality="preview", workers=1)
+    if not balanced:
+        lit = replace(lit, rooms=(replace(lit.rooms[0], white=NEUTRAL),))
     colours = card_colours(lit, "hall")
     assert len(colours) == 5
     red, green, blue = colours.mean(axis=0)
-    neutral = lamp[0] == lamp[2]
+    neutral = balanced or lamp[0] == lamp[2]
     assert is_neutral({"encoded": [red / green, blue / green]}) == neutral
     assert (red > 1.15 * green > 1.3 * blue) != neutral

@@ -102,7 +102,7 @@ def printed(name: str, pixels: Pixels, *, acoustic: str = "plastic", roughness: 
 
 
 @cache
-def chrome(name: str = "chrome", tint: str = "#fbfcfd") -> Material:
+def chrome(name: str = "chrome", tint: str = "#dcdee0") -> Material:
     """Polished metal (``tint``: brass, copper …)."""
     return Material(name, "metal", linear(tint), roughness=0.01, metallic=1.0)
 

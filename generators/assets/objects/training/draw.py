@@ -38,7 +38,7 @@ APPLIANCE = (
 #: Colours of small plastic goods, saturated ones included.
 VIVID = ("#b4282c", "#1f5c9e", "#d4772c", "#5c3b84", "#2f7d52", "#d8b02d", "#2a8c8c", "#232427", "#8f9397", "#e8e6e0")
 #: Tints of polished metal; few, because each has a texture of its own.
-METALS = ("#fbfcfd", "#fbfcfd", "#fbfcfd", "#c9cbcd", "#e2b35c", "#d39a6a", "#5b5d60")
+METALS = ("#dcdee0", "#dcdee0", "#dcdee0", "#c9cbcd", "#e2b35c", "#d39a6a", "#5b5d60")
 WOODS = ("#7a4a28", "#53301c", "#a8794a", "#c49a62", "#3d2417", "#8a6a4c", "#6b2f1c")
 #: Colours of lit displays.
 GLOWS = ("#6fe3ff", "#ffffff", "#ff9c4a", "#5ff0a8", "#ff4a3d", "#56c8ff", "#d8ff7a")
