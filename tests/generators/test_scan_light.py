@@ -155,8 +155,7 @@ def received(lit: LitScene, points: np.ndarray) -> np.ndarray:
     light = lit.reflected(hits["primID"], hits["u"], hits["v"]).reshape(len(points), -1, 3).mean(axis=1)
     lamps = find_emitters(lit.surfaces, 64)
     every = np.ones((len(points), len(lamps)), dtype=bool)
-    none = np.zeros(len(points), dtype=np.float32)
-    return light + direct_light(lamps, every, pattern, points, up, none, lit.tracer.occluded)[0]
+    return light + direct_light(lamps, every, pattern, points, up, lit.tracer.occluded)[0]
 
 
 def shadow_on_scan(scene: Scene, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
