@@ -1,4 +1,4 @@
-"""Replaces transparent parts, for a renderer without transparency.
+"""Replaces transparent parts of imported models: masks take glass for opaque.
 
 A pane close in front of a surface, such as the glass on a clock's dial, is removed, because one sees the surface behind
 it. Glass with depth behind it, such as a washing machine's door or a jug, would leave a hole: it becomes opaque, in the

@@ -152,7 +152,9 @@ def _albedo(
         row = min(int((1.0 - (t - np.floor(t))) * rows), rows - 1)
         pixel = image[m, 0] + row * columns + column
         for c in range(3):
-            out[i, c] = min(colour[m, c] * pixels[pixel, c] + specular[m], 1.0)
+            diffuse = colour[m, c] * pixels[pixel, c]
+            # What has no specular share may be the radiance of a scan's picture, which exceeds 1.
+            out[i, c] = diffuse if specular[m] <= 0.0 else min(diffuse + specular[m], 1.0)
 
 
 def albedo_at(surfaces: LitSurfaces, face: I32, v: F32, w: F32) -> F32:

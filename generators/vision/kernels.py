@@ -6,7 +6,8 @@ function of one element that the CPU's loop calls would cost it a third of a fra
 arrays in every call.)
 
 A ray's direction is (x, y, −1) in camera space, not normalised, so that Embree's ``tfar`` is the depth along the
-optical axis. Colours in here are linear display light (after the tone curve, before sRGB encoding).
+optical axis. Colours in here are radiance times exposure until `develop` makes them linear display light (after the
+tone curve, before sRGB encoding).
 """
 
 from __future__ import annotations

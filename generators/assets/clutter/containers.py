@@ -111,7 +111,7 @@ def suitcase(kit: Kit) -> None:
     kit.sound((-0.26, 0.0, -0.095), (0.26, 0.38, 0.095), kit.m("leather"))
 
 
-def umbrella_stand(kit: Kit) -> None:
+def paper_roll_vase(kit: Kit) -> None:
     """A tall vase with rolls of paper."""
     r, h = 0.11, 0.42
     outer = [(0.0, 0.0), (0.85 * r, 0.0), (r, 0.2 * h), (0.92 * r, h)]

@@ -263,7 +263,7 @@ KINDS = (
         {"living_room": (0, 1), "bedroom": (0, 1), "bathroom": (0, 1)},
         turn=90,
     ),
-    ClutterKind("paper_roll_vase", containers.umbrella_stand, ("floor",), {"living_room": (0, 1)}, turn=180),
+    ClutterKind("paper_roll_vase", containers.paper_roll_vase, ("floor",), {"living_room": (0, 1)}, turn=180),
     ClutterKind(
         "folded_blanket",
         soft.folded_blanket,

