@@ -28,10 +28,10 @@ _TINY = np.float32(1e-7)
 
 @lru_cache(maxsize=1)
 def block_points() -> F32:
-    """(2, `BLOCK`, `BLOCK`, 2) float32: the point in the unit square of each pixel of a block.
+    """(2, `BLOCK`, `BLOCK`, 2) float32: the point in the unit disc of each pixel of a block.
 
     The points of each aligned 4 × 4 pixels are a (0, 2)-net, with digits scrambled anew for each. The second set is the
-    same for the even pixels of a chessboard, (x + y) % 2 = 0, of 4 × 4.
+    same for the even pixels of a chessboard, (x + y) % 2 = 0, of 4 × 4. The square is mapped to the disc by area.
     """
     masks = np.random.default_rng(_SEED).integers(2**32, size=(BLOCK // TILE, BLOCK // TILE, 2), dtype=np.uint32)
     y, x = np.mgrid[0:TILE, 0:TILE].astype(np.int32)
@@ -41,7 +41,8 @@ def block_points() -> F32:
         tile = slice(row * TILE, (row + 1) * TILE), slice(column * TILE, (column + 1) * TILE)
         points = net(PATTERNS, tuple(masks[row, column].tolist()))
         out[0][tile], out[1][tile] = points[number], points[number % (PATTERNS // 2)]
-    return out
+    radius, angle = np.sqrt(out[..., 0]), 2.0 * np.pi * out[..., 1].astype(np.float64)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1).astype(np.float32)
 
 
 @inline
@@ -77,10 +78,10 @@ def lobe_normal(
     ny: np.float32,
     nz: np.float32,
     alpha: np.float32,
-    a: np.float32,
-    b: np.float32,
+    t1: np.float32,
+    t2: np.float32,
 ) -> tuple[np.float32, np.float32, np.float32]:
-    """A GGX normal about n that is visible from the unit direction v, for the point (a, b) of the unit square."""
+    """A GGX normal about n that is visible from the unit direction v, for the point (t1, t2) of the unit disc."""
     # A frame about n (Duff et al., JCGT 6(1), 2017).
     sign = _ONE if nz >= _ZERO else -_ONE
     p = -_ONE / (sign + nz)
@@ -96,8 +97,6 @@ def lobe_normal(
     if flat > _TINY:
         root = _ONE / np.float32(math.sqrt(flat))
         c, s = x * root, y * root
-    radius, angle = np.float32(math.sqrt(a)), np.float32(2.0 * math.pi) * b
-    t1, t2 = radius * np.float32(math.cos(angle)), radius * np.float32(math.sin(angle))
     half = np.float32(0.5) * (_ONE + z)
     t2 = (_ONE - half) * np.float32(math.sqrt(max(_ONE - t1 * t1, _ZERO))) + half * t2
     up = np.float32(math.sqrt(max(_ONE - t1 * t1 - t2 * t2, _ZERO)))

@@ -46,7 +46,7 @@ HALVED = np.float32(0.11)
 WIDTH = np.float32(1.4)
 
 _ZERO, _ONE, _TWO, _HALF = np.float32(0.0), np.float32(1.0), np.float32(2.0), np.float32(0.5)
-_TINY = np.float32(1e-12)
+_TINY, _ROOT = np.float32(1e-12), np.float32(math.sqrt(2.0))
 
 
 @inline
@@ -64,8 +64,9 @@ def _texel(
     """A texture (levels ``first`` to ``last``) at (s, t), at the level where ``width`` repeats are about one texel."""
     wide = width * np.float32(max(size[first, 0], size[first, 1]))
     level = first
-    if wide > _ONE:
-        level = min(last, first + int(np.float32(math.log2(wide)) + _HALF))
+    while wide > _ROOT and level < last:
+        wide *= _HALF
+        level += 1
     return _bilinear(texels, decode, offset[level], size[level, 0], size[level, 1], s, t)
 
 
@@ -761,12 +762,11 @@ def smooth(
             green += w * lobe[j, 1]
             blue += w * lobe[j, 2]
             total += w
-            bright = lobe[j, 0] + lobe[j, 1] + lobe[j, 2]
-            if bright > top:
-                top, share, brightest = bright, w, j
+            if lobe[j, 1] > top:
+                top, share, brightest = lobe[j, 1], w, j
         total = max(total, _TINY)
         rest = total - share
-        most = LONE * (red + green + blue - share * top) / max(rest, _TINY)
+        most = LONE * (green - share * top) / max(rest, _TINY)
         # A ray that met a small lamp by chance would be seen as a dot; on metals, which are dark but for what they
         # reflect, as the lamp's highlight.
         if rest > _TINY and top > most and finish[surface, 1] < _HALF:
