@@ -79,7 +79,7 @@ class EngineOptions:
         return self.audio or DEFAULT_AUDIO
 
     def identity(self) -> dict[str, Any]:
-        """Content for digests: each option that decides bytes, where it is not the default.
+        """Content for digests: renderer, engine, camera, and each other option that decides bytes and is not the default.
 
         Of ``extras``, a plan knows which ones its observation has.
         """
@@ -88,7 +88,8 @@ class EngineOptions:
             for one in fields(EngineOptions)
             if one.metadata.get("decides_bytes", True) and getattr(self, one.name) != one.default
         }
-        found |= {"vision": self.renderer, "audio": self.engine}
+        # Records of versions before 4.0.0 lack the camera: it was ideal.
+        found |= {"vision": self.renderer, "audio": self.engine, "camera": self.camera}
         if self.receivers:
             found["receivers"] = self.receivers.identity()
         return found

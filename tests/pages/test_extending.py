@@ -242,7 +242,7 @@ def test_option(home: tuple[Desk, str]) -> None:
     luma = coloured.frames[0].rgb() @ np.array([0.2126, 0.7152, 0.0722])
     assert np.abs(picture[:, :, 0] - luma).max() <= 0.5 + 1e-9
     assert grey.record is not None
-    assert grey.record.options == {"grey": True}
+    assert grey.record.options == {"camera": "mild", "grey": True}
     assert coloured.record is not None
     assert coloured.record.options is None
     # The digest of the plan covers the option: a rerun without it keeps nothing.
