@@ -14,8 +14,11 @@ from generators.lighting.unwrap import LightMapLayout, unwrap
 
 #: A part gets about this many texels before its texels grow to the preset's size.
 _PART_TEXELS = 4500
-#: A part whose longest side is less than this (m) is small: light is measured at few of its texels.
+#: A part whose longest side is less than this (m) is small: it has coarser texels.
 SMALL = 0.3
+#: In a part whose longest side is less than this (m) texels take their light from those beside them where their own
+#: middle lies beyond the face. Leaves and slats have mostly such texels.
+_RIMLESS = 1.0
 #: The finest texel of small parts, over that of the others: some four texels along ten centimetres.
 _SMALL_COARSER = 1.7
 #: Faces within this distance of the level of a floor or a support belong to it (m).
@@ -60,7 +63,11 @@ def lay_out(part: Part, rooms: Sequence[Room], supports: Sequence[Support], fine
 
 def is_small(mesh: Mesh) -> bool:
     """Whether the mesh is smaller than `SMALL`."""
-    return float(np.ptp(mesh.bounds, axis=0).max()) < SMALL
+    return _longest(mesh) < SMALL
+
+
+def _longest(mesh: Mesh) -> float:
+    return float(np.ptp(mesh.bounds, axis=0).max())
 
 
 def _near(level: NDArray[np.float64], levels: Sequence[float]) -> NDArray[np.bool_]:
@@ -77,9 +84,9 @@ def _stands_on(mesh: Mesh, support: Support) -> bool:
 
 
 def rims(parts: Sequence[Part], sheet: Sheet, texels: Texels, part: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """(N,) the texels of small parts that take their light from those beside them: their middle is beyond the face.
+    """(N,) the texels that take their light from those beside them: their middle is beyond the face; see `_RIMLESS`.
 
-    Most texels of a small part are of this kind. Charts that have no others keep them.
+    Charts that have no others keep them.
 
     Args:
         parts: all parts.
@@ -87,7 +94,7 @@ def rims(parts: Sequence[Part], sheet: Sheet, texels: Texels, part: NDArray[np.i
         texels: the texels.
         part: (N,) part of each texel.
     """
-    small = np.array([is_small(each.mesh) for each in parts])[part]
+    small = np.array([_longest(each.mesh) < _RIMLESS for each in parts])[part]
     chart = sheet.chart[texels.face]
     inside = np.bincount(chart, texels.area > 0) > 0
     return np.asarray(small & (texels.area <= 0) & inside[chart])
