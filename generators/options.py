@@ -79,7 +79,7 @@ class EngineOptions:
         return self.audio or DEFAULT_AUDIO
 
     def identity(self) -> dict[str, Any]:
-        """Content for digests: renderer, engine, camera, and each other option that decides bytes and is not the default.
+        """Content for digests: renderer, engine, camera, and what else decides bytes and is not the default.
 
         Of ``extras``, a plan knows which ones its observation has.
         """

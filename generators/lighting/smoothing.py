@@ -14,8 +14,9 @@ from generators.lighting.texels import Sheet, Texels
 
 #: Weights over five texels that give each of the four columns (rows) of a tile the same share.
 _WINDOW = np.array([0.5, 1.0, 1.0, 1.0, 0.5])
-#: Differences of this many standard deviations count as noise. The rays are stratified: they have less of it.
-_REACH = 1.5
+#: Differences of this many standard deviations count as noise. With 1.5, the blocks over which the visible share of a
+#: lamp is taken show as a lattice on ceilings.
+_REACH = 2.5
 #: Added to the variance of the texels' places (texels²), so that one or two texels give no wild slope.
 _RIDGE = 0.1
 #: The first unknown texel beside known ones gets at least this part of their light.

@@ -130,8 +130,8 @@ OUTPUTS = {
 #: Paths that are read, or kept for the next run: no command replaces a file that it did not write there.
 INPUTS = {
     "root", "manifest", "hrtf", "scans", "habitat_python", "cache", "jobqueue_options", "submission", "submissions",
-    "truth", "score_file", "scores", "tables", "public", "private", "image", "terms", "exclude", "splats", "secret_file", "files",
-    "array", "lock", "path", "data", "weights", "listener_weights", "checkpoint", "boxes_checkpoint", "sam_checkpoint",
+    "truth", "score_file", "scores", "tables", "public", "private", "image", "terms", "exclude", "secret_file", "files",
+    "splats", "array", "lock", "path", "data", "weights", "listener_weights", "checkpoint", "boxes_checkpoint", "sam_checkpoint",
     "similarity_checkpoint", "folder", "verified", "index", "file",
 }  # fmt: skip
 

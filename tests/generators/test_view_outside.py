@@ -148,8 +148,9 @@ def test_windows_are_overexposed_in_part_and_walls_are_not() -> None:
     through, walls = [], []
     for pose in looks(home, np.array([0.0, 1.5, 0.0]), count=8):
         rgb = session.render(pose).rgb
-        white, face = rgb.min(axis=2) >= 253, session.faces
-        through.append(white[is_pane[face]])
-        walls.append(white[~glows[face]])
+        face = session.faces
+        through.append((rgb.max(axis=2) >= 250)[is_pane[face]])
+        walls.append((rgb.min(axis=2) >= 253)[~glows[face]])
     assert np.concatenate(walls).mean() < 0.01
-    assert 0.005 < np.concatenate(through).mean() < 0.8
+    clipped = np.concatenate(through).mean()  # in one channel at least
+    assert 0.02 < clipped < 0.8, clipped
