@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -22,7 +23,7 @@ from benchmarks.picture_statistics import (
     views_of,
 )
 from generators.assets.shapes import MeshBuilder
-from generators.core.scene import Material, Room
+from generators.core.scene import NEUTRAL, Material, Room
 from generators.lighting.bake import bake
 from tests.generators.test_light import box_room, matte, scene_of
 
@@ -123,7 +124,9 @@ def test_a_grey_card_has_the_colour_of_the_light(lamp: tuple[float, float, float
     down = MeshBuilder().quad([(1.5, 2.4, 1), (2.5, 2.4, 1), (2.5, 2.4, 2), (1.5, 2.4, 2)], shade).build()
     room = scene_of(box_room(matte(0.3)).build(), down, rooms=(Room("hall", (0, 0, 0), (4, 2.5, 3)),))
     lit = bake(room, quality="preview", workers=1)
-    colours = card_colours(lit, "hall")
+    balanced = card_colours(lit, "hall").mean(axis=0)
+    assert is_neutral({"encoded": [balanced[0] / balanced[1], balanced[2] / balanced[1]]})
+    colours = card_colours(replace(lit, rooms=(replace(lit.rooms[0], white=NEUTRAL),)), "hall")
     assert len(colours) == 5
     red, green, blue = colours.mean(axis=0)
     neutral = lamp[0] == lamp[2]
