@@ -131,8 +131,8 @@ OUTPUTS = {
 INPUTS = {
     "root", "manifest", "hrtf", "scans", "habitat_python", "cache", "jobqueue_options", "submission", "submissions",
     "truth", "score_file", "scores", "tables", "public", "private", "image", "terms", "exclude", "secret_file", "files",
-    "splats", "array", "lock", "path", "data", "weights", "listener_weights", "checkpoint", "boxes_checkpoint", "sam_checkpoint",
-    "similarity_checkpoint", "folder", "verified", "index", "file",
+    "array", "lock", "path", "data", "weights", "listener_weights", "checkpoint", "boxes_checkpoint", "sam_checkpoint",
+    "similarity_checkpoint", "folder", "verified", "index", "file", "splats",
 }  # fmt: skip
 
 
