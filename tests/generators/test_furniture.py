@@ -10,6 +10,7 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 
 from avs3d_bench.errors import UsageError
+from generators.assets import styles
 from generators.assets.furniture import KINDS, Furniture, build_furniture, options_of
 from generators.assets.furniture.common import Kit
 from generators.assets.materials import Palette
@@ -317,9 +318,13 @@ def test_solids_of_the_kit_are_closed_and_outward(palettes: list[Palette]) -> No
         return Kit(palettes[0], np.random.default_rng(0))
 
     assert _volume(kit().panel((0, 0, 0), (1, 0.5, 0.25), wood, bevel=0.0).build()) == pytest.approx(0.125, rel=1e-5)
-    # Chamfers of r along edges of total length 4(a + b + c) take r²/2 each, less what their ends share.
+    # Chamfers of r along edges of total length 4(a + b + c) take r²/2 each, less what their ends share; r is the bevel
+    # times a factor of the home's style.
     chamfered = _volume(kit().panel((0, 0, 0), (1, 0.5, 0.25), wood, bevel=0.01).build())
-    assert chamfered == pytest.approx(0.125 - 4 * 1.75 * 0.01**2 / 2, rel=1e-4)
+    factor = np.sqrt((0.125 - chamfered) / (4 * 1.75 * 0.01**2 / 2))
+    assert 0.79 < factor / styles.STYLES[palettes[0].style].edge < 1.26
+    twice = _volume(kit().panel((0, 0, 0), (1, 0.5, 0.25), wood, bevel=0.02).build())
+    assert 0.125 - twice == pytest.approx(4 * (0.125 - chamfered), rel=0.03)
     soft = _volume(kit().soft((0.6, 0.2, 0.6), (0, 0, 0), wood, radius=0.03, cells=8).build())
     assert 0.9 * 0.072 < soft < 0.072
     assert _volume(kit().soft((0.6, 0.2, 0.6), (0, 0, 0), wood, radius=0.03, puff=(0, 0.02, 0)).build()) > soft
