@@ -25,7 +25,7 @@ from generators.vision.atlas import MARGIN, bake_atlas
 from generators.vision.embree import EmbreeBackend, warm_up
 from generators.vision.glb import write_glb
 from generators.vision.tables import build_tables
-from tests.support.flats import furnish, looks, psnr, render, small_flat
+from tests.support.flats import furnish, looks, psnr, render, small_flat, without_reflections
 
 CAMERA = Intrinsics.from_fov(252)
 
@@ -62,12 +62,6 @@ def pictures(path: Path) -> list[NDArray[np.uint8]]:
     return [cv2.imdecode(np.frombuffer(block, dtype=np.uint8), cv2.IMREAD_COLOR)[..., ::-1] for block in blocks]
 
 
-def without_view(part: Part) -> Part:
-    """The part with what its window panes show on the panes themselves."""
-    materials = tuple(replace(material, view_distance=0.0) for material in part.mesh.materials)
-    return replace(part, mesh=replace(part.mesh, materials=materials))
-
-
 def quad(material: Material, x: float = 0.0, side: float = 2.0) -> Mesh:
     """A square facing +Z with its lower left corner at (x, 0, 0), its texture fitted to it."""
     corners = [[x, 0, 0], [x + side, 0, 0], [x + side, side, 0], [x, side, 0]]
@@ -85,8 +79,7 @@ def lit(mesh: Mesh, texels: NDArray[np.float64]) -> Part:
 def test_a_furnished_flat_looks_the_same_from_its_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene, placements = furnish(small_flat())
     path = tmp_path / "flat.glb"
-    # A file shows the view outside as a picture on the pane.
-    scene = replace(scene, parts=tuple(without_view(part) for part in scene.parts))
+    scene = without_reflections(scene)
     write_glb(scene, path)
     poses = looks(scene, np.array(placements[0].source_position))
     there = render(EmbreeBackend(), scene, poses, CAMERA)

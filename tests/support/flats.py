@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.geometry import Intrinsics, Pose
+from benchmarks.light_reference import with_matte_materials
 from generators.apartments.apartment import build_apartment
 from generators.assets.catalogue import build_model
 from generators.core.scene import Scene
@@ -47,6 +48,16 @@ def looks(home: Scene, target: NDArray[np.float64], room: str = "kitchen", count
     ahead = np.asarray(target) - eye
     yaw = float(np.arctan2(-ahead[0], -ahead[2]))
     return [Pose.from_yaw(eye, yaw + turn, -0.25) for turn in np.linspace(0, 2 * np.pi, count, endpoint=False)]
+
+
+def without_reflections(scene: Scene) -> Scene:
+    """The scene as files show it that know no reflections: matte, with the views outside as pictures on the panes."""
+    plain = with_matte_materials(scene)
+    parts = []
+    for part in plain.parts:
+        materials = tuple(replace(material, view_distance=0.0) for material in part.mesh.materials)
+        parts.append(replace(part, mesh=replace(part.mesh, materials=materials)))
+    return replace(plain, parts=tuple(parts))
 
 
 def render(backend: VisionBackend, scene: Scene, poses: list[Pose], camera: Intrinsics) -> list[RenderedView]:
