@@ -244,7 +244,7 @@ def test_option(home: tuple[Desk, str]) -> None:
     assert grey.record is not None
     assert grey.record.options == {"camera": "mild", "grey": True}
     assert coloured.record is not None
-    assert coloured.record.options is None
+    assert coloured.record.options == {"camera": "mild"}
     # The digest of the plan covers the option: a rerun without it keeps nothing.
     again = desk.run("bash", "-c", "! avs3d generate mine.yaml -o data/grey --audio analytic")
     assert "part_1" in again
