@@ -100,7 +100,6 @@ def test_a_window_shows_its_view_at_the_rooms_exposure(backend: pathtraced.Patht
         (0.04,) * 3,
         Texture("view", pixels),
         emission=(0.4, 0.4, 0.4),
-        roughness=0.01,
         shown=(0.8,) * 3,
     )
     found = picture(backend, scene_of(plate(pane, 3.0).mesh), AHEAD)
