@@ -94,6 +94,11 @@ def inline(function: F) -> F:
     return cast(F, numba.njit(error_model="numpy")(function))
 
 
+def inlined(function: F) -> F:
+    """As `inline`, but LLVM has no choice: for functions to which passing arrays costs more than what they do."""
+    return cast(F, numba.njit(error_model="numpy", forceinline=True)(function))
+
+
 @lru_cache(maxsize=1)
 def source_digest() -> str:
     """Digest of all source files of the generator, by name and content."""

@@ -262,9 +262,7 @@ def _reflected(
     )
     direction, light = rays.direction[begin : i + 1], rays.light[begin : i + 1]
     own = slice(i, i + 1)
-    _add_mean(
-        rays.face[own], rays.distance[own], rays.u[own], rays.v[own], rays.direction[own], tables, rays.light[own]
-    )
+    _add_mean(rays.face[own], rays.u[own], rays.v[own], rays.direction[own], tables, rays.light[own])
     if rays.face[i] < 0:
         return
     shine = tables.shine[tables.surface[rays.face[i]]]

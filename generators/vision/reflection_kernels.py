@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generators.core.albedos import DIELECTRIC
-from generators.core.jit import inline, njit
+from generators.core.jit import inline, inlined, njit
 from generators.core.scene import F32, I32
 from generators.vision.kernels import MISS, VIEW_EDGE, PinholeView, _bilinear, _light
 from generators.vision.microfacet import BLOCK, directional_albedo, lobe_normal, schlick
@@ -85,6 +85,46 @@ def _repeats(gradient: F32, f: int, width: np.float32) -> np.float32:
     gx, gy, gz = gradient[f, 0, 0], gradient[f, 0, 1], gradient[f, 0, 2]
     hx, hy, hz = gradient[f, 1, 0], gradient[f, 1, 1], gradient[f, 1, 2]
     return width * np.float32(math.sqrt(max(gx * gx + gy * gy + gz * gz, hx * hx + hy * hy + hz * hz)))
+
+
+@inlined
+def _mapped(
+    texels: U8,
+    decode: F32,
+    offset: NDArray[np.int64],
+    size: I32,
+    first: I32,
+    number: int,
+    uv: F32,
+    gradient: F32,
+    f: int,
+    u: np.float32,
+    v: np.float32,
+    width: np.float32,
+) -> Triple:
+    """Texture ``number`` of a `TexturePool` at a point of face f, filtered over ``width`` metres."""
+    s, t = _at(uv, f, u, v)
+    return _texel(
+        texels, decode, offset, size, first[number], first[number + 1] - 1, s, t, _repeats(gradient, f, width)
+    )
+
+
+@inlined
+def _baked(
+    texels: F32,
+    offset: NDArray[np.int64],
+    size: I32,
+    uv: F32,
+    number: int,
+    f: int,
+    u: np.float32,
+    v: np.float32,
+) -> Triple:
+    """Light map ``number`` at a point of face f; 1 where there is none (−1)."""
+    if number < 0:
+        return _ONE, _ONE, _ONE
+    x, y = _at(uv, f, u, v)
+    return _light(texels, offset[number], size[number, 0], size[number, 1], x, y)
 
 
 @inline
@@ -198,7 +238,7 @@ def select(face: I32, tables: SceneTables, rows: I32) -> int:
 
 
 @njit
-def add_mean(face: I32, distance: F32, u: F32, v: F32, direction: F32, tables: SceneTables, light: F32) -> None:
+def add_mean(face: I32, u: F32, v: F32, direction: F32, tables: SceneTables, light: F32) -> None:
     """Add to the radiance of hits what rough surfaces reflect of the mean light that arrives; see `reflect`."""
     surfaces, shine, finish, base = tables.surface, tables.shine, tables.finish, tables.colour
     plane, gradient, uv, light_uv = tables.normal, tables.gradient, tables.uv, tables.light_uv
@@ -225,20 +265,14 @@ def add_mean(face: I32, distance: F32, u: F32, v: F32, direction: F32, tables: S
             red, green, blue = base[surface, 0], base[surface, 1], base[surface, 2]
             texture = texture_of[surface]
             if texture >= 0:
-                s, t = _at(uv, f, b1, b2)
-                last = first[texture + 1] - 1
-                r, g, b = _texel(texels, decode, offset, size, first[texture], last, s, t, _repeats(gradient, f, width))
+                r, g, b = _mapped(texels, decode, offset, size, first, texture, uv, gradient, f, b1, b2, width)
                 red, green, blue = red * r, green * g, blue * b
             rest = _ONE - metallic
             for k in range(3):
                 light[i, k] = emission[surface, k] + rest * (light[i, k] - emission[surface, k])
         rest = (_ONE - metallic) * DIELECTRIC
-        r, g, b = gains[0], gains[1], gains[2]
-        place = light_of[surface]
-        if place >= 0:
-            x, y = _at(light_uv, f, b1, b2)
-            r, g, b = _light(light_texels, light_offset[place], light_size[place, 0], light_size[place, 1], x, y)
-            r, g, b = gains[0] * r, gains[1] * g, gains[2] * b
+        r, g, b = _baked(light_texels, light_offset, light_size, light_uv, light_of[surface], f, b1, b2)
+        r, g, b = gains[0] * r, gains[1] * g, gains[2] * b
         light[i, 0] += ((rest + metallic * red) * one + other) * r
         light[i, 1] += ((rest + metallic * green) * one + other) * g
         light[i, 2] += ((rest + metallic * blue) * one + other) * b
@@ -318,10 +352,9 @@ def reflect(
         nx, ny, nz = _corner_mean(corner, plane, f, b1, b2)
         number = bumps[surface]
         if number >= 0:
-            s, t = _at(uv, f, b1, b2)
-            last = map_first[number + 1] - 1
-            wide = _repeats(gradient, f, width)
-            bump = _texel(map_texels, map_decode, map_offset, map_size, map_first[number], last, s, t, wide)
+            bump = _mapped(
+                map_texels, map_decode, map_offset, map_size, map_first, number, uv, gradient, f, b1, b2, width
+            )
             nx, ny, nz = _bumped(gradient, f, nx, ny, nz, bump)
         nx, ny, nz = side * nx, side * ny, side * nz
         gx, gy, gz = side * gx, side * gy, side * gz
@@ -329,10 +362,9 @@ def reflect(
         roughness, metallic = finish[surface, 0], finish[surface, 1]
         number = roughening[surface]
         if number >= 0:
-            s, t = _at(uv, f, b1, b2)
-            last = map_first[number + 1] - 1
-            wide = _repeats(gradient, f, width)
-            _, g, b = _texel(map_texels, map_decode, map_offset, map_size, map_first[number], last, s, t, wide)
+            _, g, b = _mapped(
+                map_texels, map_decode, map_offset, map_size, map_first, number, uv, gradient, f, b1, b2, width
+            )
             roughness, metallic = roughness * g, metallic * b
         clear, coat = finish[surface, 2], finish[surface, 3]
         red = green = blue = _ZERO
@@ -340,9 +372,7 @@ def reflect(
             red, green, blue = base[surface, 0], base[surface, 1], base[surface, 2]
             texture = texture_of[surface]
             if texture >= 0:
-                s, t = _at(uv, f, b1, b2)
-                last = first[texture + 1] - 1
-                r, g, b = _texel(texels, decode, offset, size, first[texture], last, s, t, _repeats(gradient, f, width))
+                r, g, b = _mapped(texels, decode, offset, size, first, texture, uv, gradient, f, b1, b2, width)
                 red, green, blue = red * r, green * g, blue * b
         rest = (_ONE - metallic) * DIELECTRIC
         a, b = directional_albedo(albedo, roughness, cosine)
@@ -361,12 +391,8 @@ def reflect(
         kept = (_ONE - metallic) * (_ONE - clear) * through
         r = g = b = _ZERO
         if traced < _ONE:
-            r, g, b = gains[0], gains[1], gains[2]
-            place = light_of[surface]
-            if place >= 0:
-                x, y = _at(light_uv, f, b1, b2)
-                r, g, b = _light(light_texels, light_offset[place], light_size[place, 0], light_size[place, 1], x, y)
-                r, g, b = gains[0] * r, gains[1] * g, gains[2] * b
+            r, g, b = _baked(light_texels, light_offset, light_size, light_uv, light_of[surface], f, b1, b2)
+            r, g, b = gains[0] * r, gains[1] * g, gains[2] * b
         mean = (_ONE - traced) * through
         for c, add in ((0, red * r), (1, green * g), (2, blue * b)):
             glow = emission[surface, c]
@@ -458,9 +484,7 @@ def see_through(
         red, green, blue = base[surface, 0], base[surface, 1], base[surface, 2]
         texture = texture_of[surface]
         if texture >= 0:
-            s, t = _at(uv, f, b1, b2)
-            last = first[texture + 1] - 1
-            r, g, b = _texel(texels, decode, offset, size, first[texture], last, s, t, _repeats(gradient, f, width))
+            r, g, b = _mapped(texels, decode, offset, size, first, texture, uv, gradient, f, b1, b2, width)
             red, green, blue = red * r, green * g, blue * b
         enters = finish[surface, 2] * (_ONE - schlick(DIELECTRIC, cosine))
         weight[count, 0], weight[count, 1], weight[count, 2] = enters * red, enters * green, enters * blue
@@ -568,65 +592,45 @@ def follow(
             continue
         red, green, blue = base[surface, 0], base[surface, 1], base[surface, 2]
         if texture >= 0:
-            s, t = _at(uv, f, b1, b2)
-            last = first[texture + 1] - 1
-            r, g, b = _texel(texels, decode, offset, size, first[texture], last, s, t, _repeats(gradient, f, width))
+            r, g, b = _mapped(texels, decode, offset, size, first, texture, uv, gradient, f, b1, b2, width)
             red, green, blue = red * r, green * g, blue * b
-        cr, cg, cb = red, green, blue
         kept, goes_on = _ONE, False
         nr = ng = nb = _ZERO
         if not is_last and shine[surface] >= GLOSSY:
             roughness, metallic = finish[surface, 0], finish[surface, 1]
             number = roughening[surface]
             if number >= 0:
-                s, t = _at(uv, f, b1, b2)
-                last = map_first[number + 1] - 1
-                wide = _repeats(gradient, f, width)
-                _, g, b = _texel(map_texels, map_decode, map_offset, map_size, map_first[number], last, s, t, wide)
+                _, g, b = _mapped(
+                    map_texels, map_decode, map_offset, map_size, map_first, number, uv, gradient, f, b1, b2, width
+                )
                 roughness, metallic = roughness * g, metallic * b
             clear = finish[surface, 2]
             if clear > _ZERO:
-                enters = clear * (_ONE - schlick(DIELECTRIC, abs(gx * dx + gy * dy + gz * dz)))
-                nr, ng, nb = enters * cr, enters * cg, enters * cb
+                enters = clear * (_ONE - schlick(DIELECTRIC, abs(facing)))
+                nr, ng, nb = enters * red, enters * green, enters * blue
                 kept, goes_on = _ONE - clear, True
             elif metallic > _HALF and roughness < BRIGHT:
                 nx, ny, nz = _corner_mean(corner, plane, f, b1, b2)
                 number = bumps[surface]
                 if number >= 0:
-                    s, t = _at(uv, f, b1, b2)
-                    last = map_first[number + 1] - 1
-                    wide = _repeats(gradient, f, width)
-                    bump = _texel(map_texels, map_decode, map_offset, map_size, map_first[number], last, s, t, wide)
+                    bump = _mapped(
+                        map_texels, map_decode, map_offset, map_size, map_first, number, uv, gradient, f, b1, b2, width
+                    )
                     nx, ny, nz = _bumped(gradient, f, nx, ny, nz, bump)
                 nx, ny, nz = side * nx, side * ny, side * nz
                 nx, ny, nz, cosine = _facing(nx, ny, nz, -dx, -dy, -dz)
-                nr, ng, nb = schlick(cr, cosine), schlick(cg, cosine), schlick(cb, cosine)
+                nr, ng, nb = schlick(red, cosine), schlick(green, cosine), schlick(blue, cosine)
                 kept, goes_on = _ZERO, True
         if developed[surface]:
-            lr, lg, lb = cr, cg, cb
-            if light_of[surface] >= 0:
-                r, g, b = gains[0], gains[1], gains[2]
-                place = light_of[surface]
-                if place >= 0:
-                    x, y = _at(light_uv, f, b1, b2)
-                    r, g, b = _light(
-                        light_texels, light_offset[place], light_size[place, 0], light_size[place, 1], x, y
-                    )
-                    r, g, b = gains[0] * r, gains[1] * g, gains[2] * b
-                lr, lg, lb = lr * r / gains[0], lg * g / gains[1], lb * b / gains[2]
+            r, g, b = _baked(light_texels, light_offset, light_size, light_uv, light_of[surface], f, b1, b2)
+            lr, lg, lb = red * r, green * g, blue * b
             lr, lg, lb = _radiance_of(undeveloped, lr), _radiance_of(undeveloped, lg), _radiance_of(undeveloped, lb)
         else:
             lr = lg = lb = _ZERO
             if kept > _ZERO:
-                r, g, b = gains[0], gains[1], gains[2]
-                place = light_of[surface]
-                if place >= 0:
-                    x, y = _at(light_uv, f, b1, b2)
-                    r, g, b = _light(
-                        light_texels, light_offset[place], light_size[place, 0], light_size[place, 1], x, y
-                    )
-                    r, g, b = gains[0] * r, gains[1] * g, gains[2] * b
-                lr, lg, lb = kept * cr * r, kept * cg * g, kept * cb * b
+                r, g, b = _baked(light_texels, light_offset, light_size, light_uv, light_of[surface], f, b1, b2)
+                r, g, b = gains[0] * r, gains[1] * g, gains[2] * b
+                lr, lg, lb = kept * red * r, kept * green * g, kept * blue * b
             if side > _ZERO:
                 lr += glow[surface, 0]
                 lg += glow[surface, 1]

@@ -128,7 +128,7 @@ class Reflections:
     ) -> tuple[I32, F32, tuple[F32, F32, F32]] | None:
         """The hits that reflect, the weight of their rays, and the rays: origins, directions, cones."""
         face, geometry = hit["primID"], (hit["primID"], hit["tfar"], hit["u"], hit["v"], directions, view, spread)
-        kernels.add_mean(*geometry[:5], self._tables, light)
+        kernels.add_mean(face, hit["u"], hit["v"], directions, self._tables, light)
         count = kernels.select(face, self._tables, self._rows)
         if not count:
             return None
