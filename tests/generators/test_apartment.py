@@ -14,10 +14,10 @@ from scipy import ndimage
 from generators.apartments.apartment import build_apartment
 from generators.apartments.floorplan import SIDES
 from generators.apartments.planning import make_floor_plan
-from generators.assets.clutter.catalogue import CLUTTER
 from generators.assets.furniture import KINDS
 from generators.core.rays import RayCaster
 from generators.core.scene import Scene
+from tests.support.flats import without_small_things
 
 SEEDS = (0, 1, 2, 3)
 CELL = 0.05
@@ -268,10 +268,12 @@ def test_rooms_hold_what_makes_them_recognisable(seed: int) -> None:
 
 @pytest.mark.slow
 def test_pictures_on_blank_walls_change_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("generators.apartments.apartment.add_clutter", lambda *_: [])
-    dressed = [(part.name, part.mesh.positions.tobytes()) for part in build_apartment("flat", 0, plain=True).parts]
+    def parts(home: Scene) -> list[tuple[str, bytes]]:
+        return [(part.name, part.mesh.positions.tobytes()) for part in without_small_things(home).parts]
+
+    dressed = parts(flat(0))
     monkeypatch.setattr("generators.apartments.furnish.dress_walls", lambda _: None)
-    bare = [(part.name, part.mesh.positions.tobytes()) for part in build_apartment("flat", 0, plain=True).parts]
+    bare = parts(build_apartment("flat", 0, plain=True))
     more = [name for name, _ in dressed if name not in dict(bare)]
     assert len(more) >= 4
     assert {kind(name) for name in more} == {"picture"}
@@ -301,11 +303,8 @@ def test_supports_lie_in_their_rooms_and_are_orthogonal(seed: int) -> None:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_supports_have_free_space_above_them(seed: int) -> None:
     """A ray along the support's normal, from just above its middle, is free for its clearance, but for small things."""
-    scene = flat(seed)
-    small = {each.name for each in CLUTTER}
-    caster = RayCaster(
-        np.concatenate([p.mesh.positions for p in scene.parts if "/" not in p.name or kind(p.name) not in small])
-    )
+    scene = without_small_things(flat(seed))
+    caster = RayCaster(np.concatenate([p.mesh.positions for p in scene.parts]))
     for s in scene.supports:
         if s.kind == "floor":
             continue

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -21,6 +20,7 @@ from generators.assets.materials import ROOM_KINDS, Palette
 from generators.core.freespace import FreeSpace
 from generators.core.rays import RayCaster
 from generators.core.scene import Part, Scene
+from tests.support.flats import SMALL_THINGS, kind_of, small_things, without_small_things
 
 SLOW = [pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3, 4, 5)]
 SEEDS = (0, 1, *SLOW)
@@ -28,7 +28,6 @@ SEEDS = (0, 1, *SLOW)
 LEAST = {"kitchen": 60, "bathroom": 45, "hall": 20}
 #: Most triangles of the small things of a room, and of one thing.
 ROOM_TRIANGLES, THING_TRIANGLES = 25_000, 1_000
-NAMES = {kind.name for kind in CLUTTER}
 UPRIGHT = {"wall", "door_side", "worktop_wall", "basin_wall", "tub_wall", "fridge", "ceiling"}
 Box = NDArray[np.float64]
 
@@ -36,19 +35,6 @@ Box = NDArray[np.float64]
 @cache
 def flat(seed: int) -> Scene:
     return build_apartment("flat", seed)
-
-
-def kind_of(part: Part) -> str:
-    return part.name.partition("/")[2].rpartition("_")[0]
-
-
-def things(scene: Scene, room: str = "") -> list[Part]:
-    return [p for p in scene.parts if p.name.startswith(room) and kind_of(p) in NAMES]
-
-
-def bare(scene: Scene) -> Scene:
-    """The home without small things."""
-    return replace(scene, parts=tuple(p for p in scene.parts if kind_of(p) not in NAMES))
 
 
 def boxes(parts: list[Part]) -> Box:
@@ -61,12 +47,12 @@ def test_wet_rooms_and_halls_are_full(seed: int) -> None:
     for room in count_objects(flat(seed)):
         assert room.objects >= LEAST.get(room.room, 0), room
     for name in ROOM_KINDS:
-        assert sum(len(part.mesh.positions) for part in things(flat(seed), f"{name}/")) <= ROOM_TRIANGLES
+        assert sum(len(part.mesh.positions) for part in small_things(flat(seed), f"{name}/")) <= ROOM_TRIANGLES
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_things_do_not_overlap(seed: int) -> None:
-    parts = things(flat(seed))
+    parts = small_things(flat(seed))
     low, high = boxes(parts).swapaxes(0, 1)
     meet = ((low[:, None] < high[None] - 1e-3) & (high[:, None] > low[None] + 1e-3)).all(axis=2)
     np.fill_diagonal(meet, False)
@@ -76,9 +62,9 @@ def test_things_do_not_overlap(seed: int) -> None:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_things_touch_what_they_stand_on_and_enter_nothing(seed: int) -> None:
     home = flat(seed)
-    caster = RayCaster(bare(home))
+    caster = RayCaster(without_small_things(home))
     places = {kind.name: set(kind.places) for kind in CLUTTER}
-    for part in things(home):
+    for part in small_things(home):
         # On upholstery, things lie halfway in: tests/generators/test_small_things.py.
         if places[kind_of(part)] & (UPRIGHT | set(SOFT)):
             continue
@@ -97,7 +83,7 @@ def test_things_touch_what_they_stand_on_and_enter_nothing(seed: int) -> None:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_places_of_the_benchmarks_objects_stay_free(seed: int) -> None:
     home = flat(seed)
-    low, high = boxes(things(home)).swapaxes(0, 1)
+    low, high = boxes(small_things(home)).swapaxes(0, 1)
     for support in home.supports:
         if support.kind not in RESERVED_LENGTH or support.room in QUIET:
             continue
@@ -122,7 +108,7 @@ def test_places_of_the_benchmarks_objects_stay_free(seed: int) -> None:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_way_stays_free(seed: int) -> None:
     home = flat(seed)
-    without = bare(home)
+    without = without_small_things(home)
     for room in home.rooms:
         before, after = FreeSpace.of(without, room.name), FreeSpace.of(home, room.name)
         # No observation is made in halls and bedrooms.
@@ -133,7 +119,7 @@ def test_the_way_stays_free(seed: int) -> None:
 def test_furniture_and_supports_do_not_depend_on_small_things(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("generators.apartments.apartment.add_clutter", lambda *_: [])
     plain = build_apartment("flat", 1)
-    home = bare(flat(1))
+    home = without_small_things(flat(1))
     assert plain.supports == home.supports
     assert [p.name for p in plain.parts] == [p.name for p in home.parts]
     assert all(np.array_equal(a.mesh.positions, b.mesh.positions) for a, b in zip(plain.parts, home.parts, strict=True))
@@ -142,15 +128,15 @@ def test_furniture_and_supports_do_not_depend_on_small_things(monkeypatch: pytes
 def test_the_same_seed_gives_the_same_things() -> None:
     again = build_apartment("another name", 1, workers=2)
     assert [p.name for p in again.parts] == [p.name for p in flat(1).parts]
-    for a, b in zip(things(again), things(flat(1)), strict=True):
+    for a, b in zip(small_things(again), small_things(flat(1)), strict=True):
         assert a.mesh.positions.tobytes() == b.mesh.positions.tobytes(), a.name
         assert a.mesh.uv.tobytes() == b.mesh.uv.tobytes(), a.name
 
 
 def test_names_are_unique_and_tell_no_category() -> None:
     assert not [name for name, count in Counter(kind.name for kind in CLUTTER).items() if count > 1]
-    assert not NAMES & set(KINDS)
-    assert not NAMES & set(CATEGORIES)
+    assert not SMALL_THINGS & set(KINDS)
+    assert not SMALL_THINGS & set(CATEGORIES)
     for room in ROOM_KINDS:
         assert kinds_for(room)
 

@@ -15,7 +15,8 @@ from generators.assets.furniture import KINDS as FURNITURE
 from generators.assets.materials import Palette
 from generators.assets.styles import STYLES
 from generators.core.rays import RayCaster
-from generators.core.scene import Part, Scene
+from generators.core.scene import Scene
+from tests.support.flats import small_things
 
 OWN = (*living.KINDS, *sleeping.KINDS)
 #: Triangles of one thing and of the small things of a room, at most.
@@ -32,12 +33,6 @@ def palettes() -> list[Palette]:
 @pytest.fixture(scope="module")
 def home() -> Scene:
     return build_apartment("home", 1)
-
-
-def _small(scene: Scene, room: str) -> list[Part]:
-    names = {kind.name for kind in CLUTTER}
-    own = [part for part in scene.parts if part.name.startswith(f"{room}/")]
-    return [part for part in own if part.name.partition("/")[2].rpartition("_")[0] in names]
 
 
 def test_names_are_unique_and_none_names_a_category_that_sounds() -> None:
@@ -92,13 +87,13 @@ def test_a_thing_shows_no_back_of_a_face(kind: ClutterKind, palettes: list[Palet
 def test_rooms_are_lived_in_within_the_budget(home: Scene) -> None:
     for room, least in (("living_room", 60), ("bedroom", 60)):
         assert sum(part.name.startswith(f"{room}/") for part in home.parts) >= least
-        assert sum(len(part.mesh.positions) for part in _small(home, room)) <= ROOM_TRIANGLES
+        assert sum(len(part.mesh.positions) for part in small_things(home, room)) <= ROOM_TRIANGLES
 
 
 @pytest.mark.slow
 def test_small_things_rest_on_something_and_do_not_overlap(home: Scene) -> None:
     for room in ("living_room", "bedroom"):
-        small = _small(home, room)
+        small = small_things(home, room)
         others = np.concatenate([part.mesh.positions for part in home.parts if part not in small])
         caster = RayCaster(others)
         boxes = np.array([part.mesh.bounds for part in small]).astype(np.float64)

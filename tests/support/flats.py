@@ -12,13 +12,16 @@ from avs3d_bench.geometry import Intrinsics, Pose
 from benchmarks.light_reference import with_matte_materials
 from generators.apartments.apartment import build_apartment
 from generators.assets.catalogue import build_model
-from generators.core.scene import Scene
+from generators.assets.clutter.catalogue import CLUTTER
+from generators.core.scene import Part, Scene
 from generators.lighting.bake import bake, insert
 from generators.placement.placement import Placement, place
 from generators.placement.site import Site
 from generators.vision.base import RenderedView, VisionBackend
 
 ROOMS = ("kitchen", "bathroom")
+#: Kinds of the small things.
+SMALL_THINGS = frozenset(kind.name for kind in CLUTTER)
 
 
 @lru_cache(maxsize=1)
@@ -30,6 +33,21 @@ def small_flat() -> Scene:
     rooms = tuple(room for room in whole.rooms if room.name in ROOMS)
     unlit = replace(whole, parts=tuple(parts), rooms=rooms, supports=supports)
     return bake(unlit, quality="preview").for_room("kitchen")
+
+
+def kind_of(part: Part) -> str:
+    """Kind of a piece of furniture or small thing; empty for a shell."""
+    return part.name.partition("/")[2].rpartition("_")[0]
+
+
+def small_things(home: Scene, room: str = "") -> list[Part]:
+    """The small things of a room, or of all."""
+    return [part for part in home.parts if part.name.startswith(room) and kind_of(part) in SMALL_THINGS]
+
+
+def without_small_things(home: Scene) -> Scene:
+    """The home with its furniture alone."""
+    return replace(home, parts=tuple(part for part in home.parts if kind_of(part) not in SMALL_THINGS))
 
 
 def furnish(home: Scene, room: str = "kitchen") -> tuple[Scene, tuple[Placement, ...]]:
