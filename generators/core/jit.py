@@ -90,12 +90,7 @@ def njit(function: F) -> F:
 
 
 def inline(function: F) -> F:
-    """Compile a small function that only kernels of the same file call, so that LLVM can inline it."""
-    return cast(F, numba.njit(error_model="numpy")(function))
-
-
-def inlined(function: F) -> F:
-    """As `inline`, but LLVM has no choice: for functions to which passing arrays costs more than what they do."""
+    """Compile a small function that kernels call, and have LLVM inline it: to pass it arrays would take time."""
     return cast(F, numba.njit(error_model="numpy", forceinline=True)(function))
 
 

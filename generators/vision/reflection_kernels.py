@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generators.core.albedos import DIELECTRIC
-from generators.core.jit import inline, inlined, njit
+from generators.core.jit import inline, njit
 from generators.core.scene import F32, I32
 from generators.vision.kernels import MISS, VIEW_EDGE, PinholeView, _bilinear, _light
 from generators.vision.microfacet import BLOCK, directional_albedo, lobe_normal, schlick
@@ -87,7 +87,7 @@ def _repeats(gradient: F32, f: int, width: np.float32) -> np.float32:
     return width * np.float32(math.sqrt(max(gx * gx + gy * gy + gz * gz, hx * hx + hy * hy + hz * hz)))
 
 
-@inlined
+@inline
 def _mapped(
     texels: U8,
     decode: F32,
@@ -109,7 +109,7 @@ def _mapped(
     )
 
 
-@inlined
+@inline
 def _baked(
     texels: F32,
     offset: NDArray[np.int64],
