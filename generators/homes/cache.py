@@ -19,6 +19,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -33,9 +34,9 @@ from generators.core.scene import Licence, LightMap, Material, Mesh, Part, Room,
 #: Version of the file layout; increase it when the layout changes.
 FORMAT = 4
 INDEX = "index.json"
-#: Attributes of a material that are textures, and that are numbers.
+#: Attributes of a material that are textures; the others are numbers, triples of them, words, or None.
 _MAPS = ("texture", "normal_map", "roughness_map")
-_NUMBERS = ("roughness", "metallic", "transmission", "clearcoat", "view_distance")
+_PLAIN = tuple(field.name for field in fields(Material) if field.name not in _MAPS)
 #: Age (s) after which unfinished folders of dead processes are deleted.
 _STALE = 86400.0
 #: Array files: dtype and shape of one row.
@@ -261,16 +262,18 @@ def _pack_materials(
         numbers[id(material)] = len(materials)
         materials.append(
             {
-                "name": material.name,
-                "acoustic": material.acoustic,
-                "colour": _floats(material.colour),
-                "emission": _floats(material.emission),
-                "shown": None if material.shown is None else _floats(material.shown),
+                **{name: _plain(getattr(material, name)) for name in _PLAIN},
                 **{name: None if (map_ := getattr(material, name)) is None else textures[id(map_)] for name in _MAPS},
-                **{name: float(getattr(material, name)) for name in _NUMBERS},
             }
         )
     return numbers, materials, described, pixels
+
+
+def _plain(value: Any) -> Any:
+    """A plain attribute of a material for JSON."""
+    if value is None or isinstance(value, str):
+        return value
+    return _floats(value) if isinstance(value, tuple) else float(value)
 
 
 def _floats(values: Any) -> list[float]:
@@ -323,18 +326,11 @@ def _unpack(arrays: dict[str, NDArray[Any]], index: dict[str, Any]) -> Scene:
     for entry in index["textures"]:
         height, width = entry["shape"]
         textures.append(Texture(entry["name"], reader.take("textures", height * width).reshape(height, width, 3)))
-    materials = [
-        Material(
-            name=m["name"],
-            acoustic=m["acoustic"],
-            colour=tuple(m["colour"]),
-            emission=tuple(m["emission"]),
-            shown=None if m["shown"] is None else tuple(m["shown"]),
-            **{name: None if m[name] is None else textures[m[name]] for name in _MAPS},  # type: ignore[arg-type]
-            **{name: m[name] for name in _NUMBERS},
-        )
-        for m in index["materials"]
-    ]
+    materials = []
+    for m in index["materials"]:
+        attributes: dict[str, Any] = {name: tuple(m[name]) if isinstance(m[name], list) else m[name] for name in _PLAIN}
+        attributes |= {name: None if m[name] is None else textures[m[name]] for name in _MAPS}
+        materials.append(Material(**attributes))
     parts = []
     for entry in index["parts"]:
         faces, labels = entry["faces"], reader.take("acoustic_labels", entry["acoustic_faces"])
