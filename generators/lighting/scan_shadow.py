@@ -35,6 +35,8 @@ _PART, _FINEST, _COARSEST, _TEXELS = 1 / 60, 0.006, 0.012, 200_000
 BUMPS = 0.05
 #: Rounds in which the normals of neighbouring faces are averaged, and the least cosine between such neighbours.
 _ROUNDS, _ALIKE = 4, 0.5
+#: Least cosine between a face and the axis along which its chart is seen.
+_EDGE_ON = 0.3
 #: Corners are welded if their coordinates, multiplied by this (1/m), round to the same integers.
 _WELD = 1e4
 #: Shadow rays per place and emitter, and from how many places around a texel takes its light.
@@ -142,7 +144,7 @@ def _blank(triangles: F32, texel: float) -> LightMap:
 def layout_of(triangles: F32, texel: float = _COARSEST) -> LightMapLayout:
     """Where faces (F, 3, 3) of a scan lie in a light map with texels of about ``texel`` metres."""
     vertex = _vertices(triangles)
-    normal = _face_normals(triangles)
+    own = normal = _face_normals(triangles)
     area = float(np.linalg.norm(normal, axis=1).sum()) / 2
     texel = max(texel, float(np.sqrt(area / _TEXELS)))
     for _ in range(2):  # rough faces take the side of those around them
@@ -150,6 +152,9 @@ def layout_of(triangles: F32, texel: float = _COARSEST) -> LightMapLayout:
         spread = np.repeat(normal, 3, axis=0)
         sums = np.stack([np.bincount(vertex.reshape(-1), spread[:, c], count) for c in range(3)], axis=1)
         normal = np.asarray(sums[vertex].mean(axis=1))
+    # But none that it is seen edge-on from: it would have no texels of its own.
+    normal = np.where(np.sign(normal) * _unit(own) >= _EDGE_ON, normal, 0.0)
+    normal = np.where(normal.any(axis=1, keepdims=True), normal, own)
     axis = np.argmax(np.abs(normal), axis=1)
     side = axis * 2 + (np.take_along_axis(normal, axis[:, None], axis=1)[:, 0] > 0)
     chart = _charts(vertex, side)

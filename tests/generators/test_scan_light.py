@@ -274,3 +274,22 @@ def test_charts_do_not_share_texels(scan: Scene) -> None:
         box = owner[int(top) : int(bottom), int(left) : int(right)]
         assert (box == -1).all()
         box[:] = chart
+
+
+def test_no_face_of_a_scan_is_charted_edge_on() -> None:
+    """The sides of a window's niche share corners with a far larger wall, and keep texels of their own."""
+
+    def quad(*corner: tuple[float, float, float]) -> list[list[tuple[float, float, float]]]:
+        a, b, c, d = corner
+        return [[a, b, c], [a, c, d]]
+
+    wall = quad((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)) + quad((2, 0, 0), (3, 0, 0), (3, 1, 0), (2, 1, 0))
+    wall += quad((0, 1, 0), (3, 1, 0), (3, 2, 0), (0, 2, 0))
+    side = quad((1, 0, 0), (1, 0, -0.15), (1, 1, -0.15), (1, 1, 0))
+    triangles = np.array(wall + side, dtype=np.float32)
+    edges = layout_of(triangles, 0.01).uv
+    edges = (edges[:, 1:] - edges[:, :1]) * 0.01
+    laid_out = np.abs(edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0])
+    across = triangles[:, 1:] - triangles[:, :1]
+    true = np.linalg.norm(np.cross(across[:, 0], across[:, 1]), axis=1)
+    np.testing.assert_allclose(laid_out, true, rtol=1e-4)
