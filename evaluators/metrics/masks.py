@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from avs3d_bench.errors import Avs3dError
 
 U8 = NDArray[np.uint8]
+Ints = NDArray[np.int64]
 
 #: β² = 3/10 of the F-measure: precision weighs more (Achanta et al. 2009, and AVSBench). Whole numbers keep F exact.
 _BETA_SQUARED = (3, 10)
@@ -132,7 +133,48 @@ def official_f(frames: Sequence[FrameCounts]) -> float:
     """
     if not frames:
         raise Avs3dError("no frame to score: expected at least one test frame")
-    visible = [frame for frame in frames if frame.truth]
-    masks = mean(f_measure(frame) for frame in visible)
-    whites = mean(f_measure(FrameCounts(f.pixels, f.truth, f.pixels, f.truth)) for f in visible)
-    return 0.0 if masks is None or whites is None else max(masks, whites)
+    return best_mean_f(
+        np.array([frame.truth for frame in frames]),
+        np.array([(frame.pixels, frame.predicted) for frame in frames]),
+        np.array([(frame.truth, frame.overlap) for frame in frames]),
+    )
+
+
+def best_mean_f(truth: Ints, predicted: Ints, overlap: Ints) -> float:
+    """The F of AVSBench's code: at each threshold the mean over frames, then the best of these means.
+
+    Frames with an empty truth are left out; 0 if there is no other. Means are exactly rounded: the order of frames
+    changes nothing.
+
+    Args:
+        truth: (N,) true pixels of each frame, |G|.
+        predicted: (N, L) marked pixels at each of L thresholds, |P|.
+        overlap: (N, L) both, |P ∩ G|.
+    """
+    seen = truth > 0
+    if not seen.any():
+        return 0.0
+    three, ten = _BETA_SQUARED
+    both = overlap[seen]
+    # As `f_measure`; the denominator is above 0 where the truth is not empty.
+    scores = (ten + three) * both / (three * truth[seen, None] + ten * predicted[seen])
+    return max(math.fsum(column) / len(column) for column in scores.T.tolist())
+
+
+def mask_figures(frames: Iterable[FrameCounts]) -> dict[str, float | None]:
+    """The figures that need only counts, as protocols ``strict`` and ``listen`` define them.
+
+    Returns:
+        IoU and F (β² = 0.3), means over the frames whose truth is not empty; FP_rate and FP_area, the share of frames
+        with a mark and the mean share of marked pixels over the others. None where there is no such frame.
+    """
+    visible: list[FrameCounts] = []
+    absent: list[FrameCounts] = []
+    for frame in frames:
+        (visible if frame.truth else absent).append(frame)
+    return {
+        "IoU": mean(iou(frame) for frame in visible),
+        "F": mean(f_measure(frame) for frame in visible),
+        "FP_rate": mean(float(frame.predicted > 0) for frame in absent),
+        "FP_area": mean(frame.predicted / frame.pixels for frame in absent),
+    }

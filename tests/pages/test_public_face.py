@@ -24,6 +24,7 @@ PUBLIC = {
     "avs3d_bench": {"Dataset", "Observation", "Frame", "SubmissionWriter", "validate", "UsageError", "geometry"},
     "evaluators": {"evaluate", "check", "metrics", "check_submission", "open_submission", "write_report"}
     | {"InvalidSubmission", "write_leaderboard"},
+    "evaluators.metrics": {"evaluate", "Accumulator", "avsbench", "ref_avs", "avss", "combo", "pointing"},
     "generators": {"read_manifest", "generate"},
     "baselines": {"echosegnet", "oracle", "trivial", "owod_bind", "denseav", "listener"},
     "baselines.echosegnet": {"write_echosegnet", "Settings", "predict"},
