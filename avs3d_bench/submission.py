@@ -227,7 +227,7 @@ class SubmissionWriter:
         if not self.observations:
             what = f"no observation matches {' '.join(only)}" if only else "no observation to write masks for"
             raise UsageError(f"{self.dataset.root}: {what}; expected some of {', '.join(self.dataset.keys[:3])}")
-        version = self.dataset.record.version if self.dataset.record else UNVERSIONED
+        version = self.dataset.version or UNVERSIONED
         try:
             self.record = SubmissionRecord(
                 method=method,
