@@ -129,6 +129,26 @@ def test_one_wrong_pixel_counts_as_a_frame_of_avss_and_hardly_in_pixels():
     assert counted[0] == counted[1]
 
 
+def test_the_page_has_the_figures_of_the_golden_arrays(arrays: dict[str, np.ndarray]):
+    page = (GOLDEN.parents[1] / "docs/which-number.md").read_text(encoding="utf-8")
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in page.splitlines() if line[:1] == "|"]
+    for clips in (*BATCHES, "order-free"):
+        given = arrays["truth"], arrays["logits"]
+        if clips == "order-free":
+            figures = [m.order_free(*given) for m in (metrics.avsbench, metrics.ref_avs)]
+        else:
+            size = {"clips_per_batch": clips, "frames_per_clip": 5}
+            figures = [m.evaluate(*given, **size) for m in (metrics.avsbench, metrics.ref_avs)]
+        assert [str(clips), *(f"{value:.4f}" for found in figures for value in found.values())] in rows
+    semantic = arrays["semantic_truth"], arrays["semantic_logits"]
+    for name, found in (
+        ("AVSS as", metrics.avss.evaluate(*semantic)),
+        ("from the", metrics.avss.order_free(*semantic)),
+    ):
+        (row,) = [row for row in rows if row[0].startswith(name)]
+        assert row[1:] == [f"{found['mIoU']:.4f}", f"{found['F']:.4f}"]
+
+
 FRAMES = np.zeros((5, 4, 4))
 
 

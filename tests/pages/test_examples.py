@@ -91,6 +91,18 @@ def test_train_on_it(tmp_path: Path, data: Path) -> None:
 
 
 @pytest.mark.slow
+def test_metrics_in_training(tmp_path: Path) -> None:
+    pytest.importorskip("torch", reason="training needs torch, of the [baselines] extra")
+    said = run("metrics_in_training.py", "--epochs", 3, folder=tmp_path)
+    ious = [float(value) for value in re.findall(r"^epoch \d: IoU (\S+),", said, re.M)]
+    assert len(ious) == 3
+    assert ious[-1] > max(0.5, ious[0])
+    by_clip, by_four = (float(value) for value in re.findall(r"with batches of \d: (\S+)$", said, re.M))
+    assert by_clip < 0.6 * by_four  # half of the clips have no object
+    assert re.search(r"^the same without batches: 0\.\d{4}$", said, re.M)
+
+
+@pytest.mark.slow
 def test_the_tour_runs(tmp_path: Path, data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("matplotlib", reason="the plots need matplotlib, of the [plot] extra")
     nbformat = pytest.importorskip("nbformat", reason="notebooks are run with nbclient, of the [dev] extra")
