@@ -33,8 +33,8 @@ def counts_at(thresholds: Floats, truth: Bools, probability: Floats) -> tuple[In
 def average_precision(truth: Bools, probability: Floats) -> float:
     """Area below the curve of precision over recall, as steps: Σ (rₖ − rₖ₋₁) pₖ over falling probabilities.
 
-    Pixels of the same probability form one step, so that their order changes nothing. The same definition as
-    scikit-learn's `average_precision_score`.
+    Pixels of the same probability form one step, so that their order changes nothing. The definition of scikit-learn's
+    `average_precision_score`.
 
     Args:
         truth: (H, W) bool, not empty.
@@ -53,11 +53,10 @@ def average_precision(truth: Bools, probability: Floats) -> float:
         >>> average_precision(truth, np.full((2, 2), 0.3, np.float32))
         0.5
     """
-    positives = int(np.count_nonzero(truth))
-    if positives == 0:
+    values, positives = np.sort(probability, axis=None), np.sort(probability[truth])
+    if positives.size == 0:
         raise ZeroDivisionError("average precision of an empty truth")
-    values = probability.ravel()
-    order = np.argsort(values, kind="stable")[::-1]
-    ends = np.append(np.flatnonzero(np.diff(values[order])), values.size - 1)
-    found = np.cumsum(truth.ravel()[order])[ends]
-    return float(np.sum(np.diff(found, prepend=0) * (found / (ends + 1))) / positives)
+    # The same sum by true pixels: the mean of the precision at the probability of each.
+    found = positives.size - np.searchsorted(positives, positives)
+    marked = values.size - np.searchsorted(values, positives)
+    return float(np.mean(found / marked))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -99,6 +100,16 @@ def test_masks_given_as_logits_score_as_protocol_official(arrays: dict[str, np.n
     found = metrics.avsbench.order_free(truth, masks)
     assert found["F"] == pytest.approx(official_f(counts), abs=1e-12)
     assert found["mIoU"] == pytest.approx(official_miou(counts), abs=1e-12)
+
+
+def test_probabilities_given_as_logits_are_warned_of(arrays: dict[str, np.ndarray]):
+    probability = 1 / (1 + np.exp(-arrays["logits"]))
+    with pytest.warns(UserWarning, match=r"all values lie in \[0, 1\].* give log\(p / \(1 - p\)\)"):
+        metrics.avsbench.evaluate(arrays["truth"], probability)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        metrics.avsbench.evaluate(arrays["truth"], arrays["logits"])
+        metrics.avsbench.evaluate(arrays["truth"], probability > 0.5)
 
 
 def test_infinite_logits_are_masks():

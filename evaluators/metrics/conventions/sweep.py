@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,21 +48,28 @@ def sweep(truth: object, prediction: object, *, logits: bool, cut: float) -> lis
         UsageError: if one is no sequence of frames, or there is none.
         Avs3dError: if shapes, types or values are others, or numbers of frames differ.
     """
-    return list(_swept(truth, prediction, logits=logits, cut=cut)) or _none()
-
-
-def _none() -> list[SweptFrame]:
-    raise UsageError("truth: no frame; expected at least one")
-
-
-def _swept(truth: object, prediction: object, *, logits: bool, cut: float) -> Iterator[SweptFrame]:
+    frames, like_probabilities, binary = [], True, True
     for where, true_frame, found in paired_frames(truth, prediction):
         mask = truth_mask(true_frame, where)
         if logits:
-            probability = _sigmoid(real_numbers(found, mask.shape, where))
+            numbers = real_numbers(found, mask.shape, where)
+            inside = (numbers >= 0) & (numbers <= 1)
+            like_probabilities = like_probabilities and bool(inside.all())
+            binary = binary and not (inside & (numbers > 0) & (numbers < 1)).any()
+            probability = _sigmoid(numbers)
         else:
             probability = probabilities(found, mask.shape, where)
-        yield _swept_frame(mask, probability, np.float32(cut))
+        frames.append(_swept_frame(mask, probability, np.float32(cut)))
+    if not frames:
+        raise UsageError("truth: no frame; expected at least one")
+    if logits and like_probabilities and not binary:
+        # Masks of 0 and 1 are no mistake: the released 3D pipeline gives them.
+        warnings.warn(
+            "logits: all values lie in [0, 1], as those of probabilities; their sigmoid is at least 0.5: every pixel "
+            "is marked. Of probabilities p, give log(p / (1 - p)).",
+            stacklevel=3,
+        )
+    return frames
 
 
 def _sigmoid(logits: NDArray[np.float32]) -> NDArray[np.float32]:
