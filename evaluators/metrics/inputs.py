@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.errors import Avs3dError, UsageError, excerpt
 from avs3d_bench.formats.mask_values import as_mask
 
 Floats = NDArray[np.float32]
@@ -39,7 +39,7 @@ def paired_frames(truth: object, prediction: object) -> Iterator[tuple[str, NDAr
     """The frames of truth and prediction side by side, each with its name in messages.
 
     Args:
-        truth: an array or tensor whose first axis counts frames, or an iterable of frames.
+        truth: an array or tensor whose first axis counts frames, or an iterable of frames (H, W) or (1, H, W).
         prediction: likewise, as many.
 
     Raises:
@@ -64,8 +64,30 @@ def paired_frames(truth: object, prediction: object) -> Iterator[tuple[str, NDAr
             short = "truth" if true is _END else "prediction"
             raise Avs3dError(f"{short}: ends after {number} frames, the other goes on; expected as many of both")
         where = f"frame {number}"
-        yield where, as_array(true, f"truth, {where}"), as_array(found, f"prediction, {where}")
+        yield (
+            where,
+            _one_channel(as_array(true, f"truth, {where}")),
+            _one_channel(as_array(found, f"prediction, {where}")),
+        )
         number += 1
+
+
+def _one_channel(frame: NDArray[Any]) -> NDArray[Any]:
+    """A frame without the axis of its only channel, which networks give."""
+    return frame[0] if frame.ndim == 3 and len(frame) == 1 else frame
+
+
+def whole_number(value: object, name: str, low: int, high: int | None = None) -> int:
+    """A whole number of Python or numpy.
+
+    Raises:
+        UsageError: if it is none, or out of its range.
+    """
+    number = int(value) if isinstance(value, int | np.integer) and not isinstance(value, bool) else None
+    if number is None or number < low or (high is not None and number > high):
+        expected = f"from {low} on" if high is None else f"from {low} to {high}"
+        raise UsageError(f"{name}: {excerpt(value)}, expected a whole number {expected}")
+    return number
 
 
 def truth_mask(truth: NDArray[Any], where: str) -> NDArray[np.bool_]:

@@ -74,7 +74,11 @@ def from_angles(azimuth: ArrayLike, elevation: ArrayLike = 0.0) -> Floats:
         >>> from_angles([90.0]).round(3).tolist()
         [[1.0, 0.0, -0.0]]
     """
-    a, e = np.broadcast_arrays(np.radians(np.atleast_1d(azimuth)), np.radians(elevation))
+    angles = (as_array(values, name) for name, values in (("azimuth", azimuth), ("elevation", elevation)))
+    try:
+        a, e = np.broadcast_arrays(*(np.radians(np.atleast_1d(some)) for some in angles))
+    except ValueError:
+        raise Avs3dError("elevation: as many as azimuths, or one; found another number") from None
     return np.stack([np.cos(e) * np.sin(a), np.sin(e), -np.cos(e) * np.cos(a)], axis=1)
 
 

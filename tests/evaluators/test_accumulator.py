@@ -204,6 +204,8 @@ def test_directions_of_pixels_and_the_nearest_pixel_of_a_mask():
         (lambda: metrics.pointing.evaluate([[0, 0, 1]], [[0, np.nan, 1]]), "prediction: direction 0"),
         (lambda: metrics.pointing.evaluate([[0, 0, 1]], [[0, 0, 1]] * 2), "2 directions, expected as many"),
         (lambda: metrics.pointing.evaluate([0, 0, 1], [0, 0, 1]), r"shape \(3,\), expected \(N, 3\)"),
+        (lambda: metrics.pointing.from_angles(["x"]), "azimuth: <U1, expected an array of numbers"),
+        (lambda: metrics.pointing.from_angles([1, 2], [1, 2, 3]), "elevation: as many as azimuths"),
         (lambda: metrics.pointing.error_to_mask(np.zeros((8, 8)), [0, 0, -1], Intrinsics.from_fov(8)), "mask: empty"),
     ],
 )

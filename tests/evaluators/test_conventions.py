@@ -112,6 +112,12 @@ def test_probabilities_given_as_logits_are_warned_of(arrays: dict[str, np.ndarra
         metrics.avsbench.evaluate(arrays["truth"], probability > 0.5)
 
 
+def test_logits_may_have_one_channel(arrays: dict[str, np.ndarray]):
+    truth, logits = arrays["truth"], arrays["logits"]
+    expected = metrics.avsbench.evaluate(truth, logits)
+    assert metrics.avsbench.evaluate(truth, logits[:, None], frames_per_clip=np.int64(5)) == expected
+
+
 def test_infinite_logits_are_masks():
     truth = np.zeros((5, 6, 6), bool)
     truth[:, :3] = True
@@ -183,6 +189,7 @@ FRAMES = np.zeros((5, 4, 4))
         (lambda: metrics.avss.evaluate(FRAMES + 7, FRAMES, classes=3), "truth, frame 0: class ids beyond 0 to 2"),
         (lambda: metrics.avss.evaluate(FRAMES, FRAMES), r"shape \(4, 4\), expected \(classes, height, width\)"),
         (lambda: metrics.avss.evaluate(FRAMES, FRAMES + 0.5, classes=3), "not whole"),
+        (lambda: metrics.avss.evaluate(FRAMES, FRAMES, classes="3"), "classes: '3', expected a whole number from 2 to"),
     ],
 )
 def test_bad_input_is_one_line(call: Any, line: str):

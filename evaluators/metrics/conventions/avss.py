@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from evaluators.metrics.classes import Confusion, class_ious, confusion
-from evaluators.metrics.inputs import paired_frames
+from evaluators.metrics.inputs import paired_frames, whole_number
 from evaluators.metrics.masks import mean
 
 #: β² of the F-score.
@@ -116,6 +116,8 @@ def _confusions(truth: object, logits: object, classes: int | None) -> list[Conf
 
 
 def _each_confusion(truth: object, logits: object, classes: int | None) -> Iterator[Confusion]:
+    if classes is not None:
+        classes = whole_number(classes, "classes", 2, _MOST_CLASSES)
     for where, ids, found in paired_frames(truth, logits):
         if ids.ndim != 2 or ids.size == 0:
             raise Avs3dError(f"truth, {where}: shape {ids.shape}, expected (height, width) class ids")

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench.errors import UsageError, excerpt
-from evaluators.metrics.inputs import paired_frames, probabilities, real_numbers, truth_mask
+from avs3d_bench.errors import UsageError
+from evaluators.metrics.inputs import paired_frames, probabilities, real_numbers, truth_mask, whole_number
 from evaluators.metrics.masks import FrameCounts, Ints, best_mean_f, mean, official_miou
 from evaluators.metrics.soft import counts_at
 
@@ -91,14 +91,13 @@ def batches(frames: Sequence[SweptFrame], clips_per_batch: int, frames_per_clip:
     Raises:
         UsageError: if a number is none, or the frames do not make whole clips.
     """
-    for name, value in (("clips_per_batch", clips_per_batch), ("frames_per_clip", frames_per_clip)):
-        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-            raise UsageError(f"{name}: {excerpt(value)}, expected a whole number from 1 on")
-    if len(frames) % frames_per_clip:
+    clips = whole_number(clips_per_batch, "clips_per_batch", 1)
+    length = whole_number(frames_per_clip, "frames_per_clip", 1)
+    if len(frames) % length:
         raise UsageError(
-            f"{len(frames)} frames are no whole clips of {frames_per_clip}; frames_per_clip says how many a clip has"
+            f"{len(frames)} frames are no whole clips of {length}; frames_per_clip says how many a clip has"
         )
-    step = clips_per_batch * frames_per_clip
+    step = clips * length
     return [frames[start : start + step] for start in range(0, len(frames), step)]
 
 
