@@ -107,10 +107,7 @@ def evaluate(
         Avs3dError: if the dataset itself is damaged, the truth is not what was committed to, or a mask in memory has
             another size, type or values.
 
-    Examples:
-        >>> masks = {o.key: [frame.mask() for frame in o.test] for o in Dataset("data/demo")}  # doctest: +SKIP
-        >>> evaluate(masks, "data/demo").scores.overall.strict.IoU  # doctest: +SKIP
-        1.0
+    docs/metrics-python.md and examples/score_a_method.py have examples that run.
     """
     patterns = (only,) if isinstance(only, str) else tuple(only)
     wanted = _known_protocols(protocols)

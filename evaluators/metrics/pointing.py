@@ -53,8 +53,16 @@ def angular_error(truth: ArrayLike, prediction: ArrayLike) -> Floats:
     From the arctangent of sine and cosine: the arccosine of the product loses half of the digits near 0 (Kahan, "How
     futile are mindless assessments of roundoff", 2006).
 
+    Args:
+        truth: (N, 3) of any length.
+        prediction: (N, 3) of any length.
+
     Raises:
         Avs3dError: if an array has another shape, or a direction is 0 or not finite.
+
+    Examples:
+        >>> angular_error([[0, 0, -1]], [[0, 2, 0]])
+        array([90.])
     """
     a, b = _directions(truth, "truth"), _directions(prediction, "prediction")
     if len(a) != len(b):
@@ -69,6 +77,9 @@ def from_angles(azimuth: ArrayLike, elevation: ArrayLike = 0.0) -> Floats:
     Args:
         azimuth: (N,) 0 ahead, positive to the right.
         elevation: (N,) or one number, positive up.
+
+    Raises:
+        Avs3dError: if there are no numbers, or not as many of both.
 
     Examples:
         >>> from_angles([90.0]).round(3).tolist()
@@ -88,6 +99,14 @@ def from_pixels(pixels: ArrayLike, camera: Intrinsics) -> Floats:
     Args:
         pixels: (N, 2) as (column, row), continuous: the centre of the first pixel is (0.5, 0.5).
         camera: of the picture.
+
+    Raises:
+        Avs3dError: if the array has another shape, or a number is not finite.
+
+    Examples:
+        >>> from avs3d_bench.geometry import Intrinsics
+        >>> from_pixels([[32, 32]], Intrinsics.from_fov(64, 90)).tolist()
+        [[0.0, -0.0, -1.0]]
     """
     uv = as_array(pixels, "pixels").astype(np.float64)
     if uv.ndim != 2 or uv.shape[1] != 2:
@@ -106,6 +125,13 @@ def error_to_mask(mask: ArrayLike, prediction: ArrayLike, camera: Intrinsics) ->
 
     Raises:
         Avs3dError: if the mask is empty or has another size, or the direction is 0 or not finite.
+
+    Examples:
+        >>> from avs3d_bench.geometry import Intrinsics
+        >>> mask = np.zeros((64, 64), bool)
+        >>> mask[:, 48:] = True
+        >>> round(error_to_mask(mask, [0, 0, -1], Intrinsics.from_fov(64, 90)), 2)
+        27.29
     """
     true = truth_mask(as_array(mask, "truth"), "mask")
     if true.shape != (camera.height, camera.width):

@@ -49,5 +49,12 @@ def order_free(truth: object, logits: object) -> dict[str, float]:
     """Compute mIoU and F of all frames as one batch: one threshold for the whole set, whatever the batches and order.
 
     Arguments and errors as for `evaluate`.
+
+    Examples:
+        >>> import numpy as np
+        >>> truth = np.zeros((6, 4, 4), bool)
+        >>> truth[:3, :2] = True  # three frames with an object and three without, in no clips
+        >>> order_free(truth, np.where(truth, 2.0, -2.0))["F"]
+        1.0
     """
     return over_batches([sweep(truth, logits, logits=True, cut=0.5)])

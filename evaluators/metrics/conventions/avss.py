@@ -62,6 +62,11 @@ def frame_mious(truth: object, logits: object, classes: int | None = None) -> li
     """The released IoU of a video, frame by frame: the mean over the classes with an IoU above 0; 0 without such.
 
     Arguments and errors as for `evaluate`.
+
+    Examples:
+        >>> import numpy as np
+        >>> frame_mious(np.array([[[0, 1]]]), np.array([[[0, 0]]]), classes=2)  # class 1, missed, does not lower it
+        [0.5]
     """
     found = [_ious(cells) for cells in _confusions(truth, logits, classes)]
     return [float(values[values > 0].mean()) if (values > 0).any() else 0.0 for values in found]
@@ -71,6 +76,11 @@ def order_free(truth: object, logits: object, classes: int | None = None) -> dic
     """Compute mIoU and F from the pixels of all frames together, means over the classes that occur in one of the two.
 
     Arguments and errors as for `evaluate`. The last class is left out where it occurs.
+
+    Examples:
+        >>> import numpy as np
+        >>> order_free(np.array([[[0, 1]]]), np.array([[[0, 0]]]), classes=2)["mIoU"]
+        0.25
     """
     total: Confusion = np.sum(_confusions(truth, logits, classes), axis=0)
     ious, scores = class_ious(total, first=0), _f_scores(total)

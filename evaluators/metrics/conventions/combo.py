@@ -41,5 +41,12 @@ def evaluate(
 
 
 def order_free(truth: object, probability: object) -> dict[str, float]:
-    """Compute mIoU and F of all frames as one batch; arguments and errors as for `evaluate`."""
+    """Compute mIoU and F of all frames as one batch; arguments and errors as for `evaluate`.
+
+    Examples:
+        >>> import numpy as np
+        >>> truth = np.eye(4, dtype=bool)[None]
+        >>> order_free(truth, 0.8 * truth)["F"]
+        1.0
+    """
     return over_batches([sweep(truth, probability, logits=False, cut=0.5)])

@@ -52,7 +52,13 @@ def evaluate(truth: object, logits: object, clips_per_batch: int = 4, frames_per
 
 
 def order_free(truth: object, logits: object) -> dict[str, float]:
-    """Compute mIoU, F and S of all frames as one batch; arguments and errors as for `evaluate`."""
+    """Compute mIoU, F and S of all frames as one batch; arguments and errors as for `evaluate`.
+
+    Examples:
+        >>> import numpy as np
+        >>> order_free(np.zeros((3, 4, 4)), np.full((3, 4, 4), -5.0))["S"]
+        0.0
+    """
     return _over([sweep(truth, logits, logits=True, cut=MASK_CUT)])
 
 
