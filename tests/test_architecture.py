@@ -129,7 +129,7 @@ HOUSE = {
         "formats": "errors geometry text runtime contract",
         "dataset": "errors geometry contract formats",
         "submission": "errors contract formats dataset",
-        "method": "runtime contract dataset submission",
+        "method": "errors runtime contract dataset submission",
         "measures": "errors geometry contract dataset",
         "commands": "errors text contract formats",
         "sealing": "errors runtime contract formats dataset commands",

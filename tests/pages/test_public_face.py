@@ -96,7 +96,7 @@ def test_a_function_is_not_replaced_by_the_module_of_its_name() -> None:
 def test_help_shows_the_public_functions_with_their_signatures() -> None:
     # Since Python 3.13 each parameter of a long signature has a line of its own.
     text = "".join(pydoc.plain(pydoc.render_doc(evaluators)).split())
-    assert "evaluate(submission:'str|Path',dataset:'str|Path|Dataset'" in text
+    assert "evaluate(submission:'str|Path|Predictions|Method',dataset:'str|Path|Dataset'" in text
     assert "check_submission(path:'str|Path'" in text
     assert "classInvalidSubmission" in text
 
