@@ -64,7 +64,7 @@ def at_the_top(path: Path) -> set[str]:
 #: Packages of the contract that may use extras, but only inside functions: importing them needs the core alone.
 LAZY = ("exports", "inspector", "scheduling")
 #: Modules that may, too, and what they use.
-LAZY_MODULES = {"contract/scores.py": {"pandas"}}  # Scores.to_frame
+LAZY_MODULES = {"contract/score_frames.py": {"pandas"}}
 
 
 def imported_at_once(tree: ast.AST) -> set[str]:

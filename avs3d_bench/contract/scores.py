@@ -24,11 +24,10 @@ from avs3d_bench.contract.schema import (
     Text,
 )
 from avs3d_bench.errors import UsageError, did_you_mean, excerpt
-from avs3d_bench.runtime.imports import needing
 from avs3d_bench.text.printable import printable
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
+    from avs3d_bench.contract.score_frames import DataFrame
 
 Protocol = Literal["official", "strict", "listen"]
 #: Protocol → version. It changes when a figure changes for the same masks, and when one is added: 1.1 of ``listen`` has
@@ -454,8 +453,7 @@ class Scores(Record):
             UsageError: if ``rows`` is another word.
             Avs3dError: if pandas is not installed.
         """
-        with needing("scores.to_frame()", "pip install pandas"):
-            from pandas import DataFrame
+        from avs3d_bench.contract.score_frames import frame_of
 
         if rows == "observations":
             index, found = "key", [self._observation_row(one) for one in self.observations]
@@ -466,9 +464,7 @@ class Scores(Record):
         else:
             words = ("observations", "parts", "categories", "rooms")
             raise UsageError(f"rows: {excerpt(rows)}, expected {', '.join(words)}{did_you_mean(rows, words)}")
-        frame = DataFrame(found).set_index(index)
-        # Columns of None alone are no numbers yet.
-        return frame.astype({name: float for name in frame.columns if name.partition(".")[0] in PROTOCOLS})
+        return frame_of(found, index, PROTOCOLS)
 
     def _observation_row(self, one: ObservationScores) -> dict[str, Any]:
         about = {name: getattr(one, name) for name in ("key", "part", "scan", "room", "category", "frames")}
