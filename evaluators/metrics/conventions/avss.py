@@ -4,11 +4,13 @@ Source: Zhou et al., "Audio-Visual Segmentation with Semantics", 2023 (IJCV 2024
 `avs_scripts/avss/utils/compute_color_metrics.py` and `test.py`.
 
 Quirks: IoU and F of a class are means over the frames in which truth or prediction has a pixel of it: one wrong pixel
-in a frame counts as a frame with IoU 0, whatever its area. The mean over classes runs over all C of them; one that
-occurs nowhere counts as 0, so that figures of a part of the test set are too low. "without background" (`noBg`) leaves
-out the last class, whichever that is. The IoU of a video is, frame by frame, the mean over the classes with an IoU
-above 0: classes missed altogether do not lower it. Sums over frames do not depend on batches. The usual mIoU, from the
-pixels of all frames together, is `order_free`.
+in a frame counts as a frame with IoU 0, whatever its area. The mean over classes runs over all C of them (71 in
+AVSBench-semantic); one that occurs nowhere counts as 0, so that figures of a part of the test set are too low. "without
+background" (`noBg`) leaves out the last class, while labels are indices of a palette whose first colour is black: the
+background is class 0. The released loader (`color_dataloader.py`) pads clips of five frames to ten with black pictures
+and labels of class 0, and these frames are scored, too; to repeat a published figure, give them here as well. The IoU
+of a video is, frame by frame, the mean over the classes with an IoU above 0: classes missed altogether do not lower it.
+Sums over frames do not depend on batches. The usual mIoU, from the pixels of all frames together, is `order_free`.
 """
 
 from __future__ import annotations
