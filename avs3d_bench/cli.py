@@ -62,6 +62,7 @@ SUMMARIES = {
     "leaderboard": "Rank files of scores on one static page.",
     "tables": "Turn files of scores into the paper's tables.",
     "sweep-curve": "Draw scores against a parameter of a sweep.",
+    "metrics": "Score folders of PNG masks by the convention of a benchmark.",
     "baseline": "Run a baseline on a dataset and write its submission.",
     "train": "Train the network that looks and listens.",
 }

@@ -482,7 +482,7 @@ class Dataset:
                 `avs3d_bench.sealing.seal.check_truth`.
 
         Raises:
-            UsageError: if it is no folder, or holds neither observations nor a dataset.json.
+            UsageError: if it is no folder, holds neither observations nor a dataset.json, or is a submission.
         """
         self.root = Path(root)
         self.truth = None if truth is None else Path(truth)
@@ -490,6 +490,11 @@ class Dataset:
         if not self.root.is_dir():
             raise UsageError(f"{self.root}: no such folder; expected the root of a dataset")
         self.keys = find_keys(self.root)
+        if _is_submission(self.root, self.keys):
+            raise UsageError(
+                f"{self.root}: a submission, no dataset; expected a dataset's root: evaluate(submission, dataset), "
+                "avs3d-eval SUBMISSION --dataset ROOT"
+            )
         if not self.keys and (self.root / layout.SHARDS_JSON).exists():
             raise UsageError(
                 f"{self.root}: holds tar shards ({layout.SHARDS_JSON}), no folders of observations; read them with the "
@@ -520,6 +525,11 @@ class Dataset:
     def name(self) -> str:
         """The dataset's name; the folder's where there is no dataset.json."""
         return self.record.name if self.record else self.root.resolve().name
+
+    @property
+    def version(self) -> str | None:
+        """The dataset's version; None where there is no dataset.json, as in the official release."""
+        return self.record.version if self.record else None
 
     def __repr__(self) -> str:
         kind = "" if (self.root / layout.DATASET_JSON).exists() else ", no dataset.json"
@@ -570,6 +580,15 @@ class Dataset:
         """Observations whose key matches one of the shell patterns (all where none is given), sorted by key."""
         chosen = (k for k in self.keys if not patterns or any(fnmatch.fnmatchcase(k, p) for p in patterns))
         return tuple(self[key] for key in chosen)
+
+
+def _is_submission(root: Path, keys: Sequence[str]) -> bool:
+    """Whether a folder holds predictions: it says so, or has masks without pictures."""
+    if (root / layout.DATASET_JSON).exists():
+        return False
+    first = root / keys[0] if keys else root
+    pictures = any((first / folder).is_dir() for folder in (layout.INPUT, layout.IMAGES))
+    return (root / layout.SUBMISSION_JSON).exists() or ((first / layout.SUBMISSION_MASKS).is_dir() and not pictures)
 
 
 def find_keys(root: str | Path) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ For another order of work, use `avs3d_bench.submission.SubmissionWriter`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from avs3d_bench.contract.schema import ProvenanceRecord
 from avs3d_bench.dataset import Dataset, Frame, Observation
+from avs3d_bench.errors import Avs3dError
 from avs3d_bench.runtime.parallel import advance, process_each
 from avs3d_bench.runtime.provenance import provenance
 from avs3d_bench.submission import Prediction, SubmissionFolder, SubmissionWriter
@@ -114,7 +115,17 @@ def _write_observation(root: Path, folder: SubmissionFolder, method: Method, key
 
 
 def _write_masks(folder: SubmissionFolder, method: Method, frames: tuple[Frame, ...]) -> None:
-    for number, (frame, found) in enumerate(zip(frames, method.predict(frames), strict=True), start=1):
+    masks: Iterator[ArrayLike | Prediction | None] = iter(method.predict(frames))
+    for number, frame in enumerate(frames):
+        found = next(masks, None)
+        if found is None:
+            raise _miscounted(frames, f"{number}")
         prediction = found if isinstance(found, Prediction) else Prediction(found)
         folder.write_mask(frame, prediction.mask, prediction.categories)
-        advance(number, len(frames))
+        advance(number + 1, len(frames))
+    if next(masks, None) is not None:
+        raise _miscounted(frames, f"more than {len(frames)}")
+
+
+def _miscounted(frames: Sequence[Frame], count: str) -> Avs3dError:
+    return Avs3dError(f"{frames[0].observation.key}: {count} masks, expected one for each of {len(frames)} test frames")

@@ -34,13 +34,12 @@ from avs3d_bench.contract.taxonomy import PART_3, class_ids
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats.files import write_json
+from avs3d_bench.formats.mask_values import NAMED, as_mask
 from avs3d_bench.formats.media import png_header, write_ply_points, write_png_categories, write_png_mask
 from avs3d_bench.formats.staging import staged_folder
 
 #: `dataset_version` of a submission for data without dataset.json (the official release).
 UNVERSIONED = "unversioned"
-#: Names in a message before it only counts.
-_NAMED = 5
 _OWN_FILE = re.compile(
     rf"part_[123]/[^/]+/[^/]+/[^/]+/(({layout.SUBMISSION_MASKS}|{layout.SUBMISSION_CATEGORIES})/frame_[0-9]+\.png|"
     r"points\.ply)"
@@ -66,36 +65,6 @@ def frame_size(frame: Frame) -> tuple[int, int]:
     folder = layout.INPUT if (frame.observation.path / layout.INPUT).is_dir() else layout.IMAGES
     header = png_header(frame.path(folder))
     return header.height, header.width
-
-
-def as_mask(mask: ArrayLike, size: tuple[int, int], where: str) -> NDArray[np.bool_]:
-    """A method's mask as (H, W) bool.
-
-    Args:
-        mask: boolean, or whole numbers that are all 0 and 1 or all 0 and 255.
-        size: (height, width) that is expected.
-        where: what messages name.
-
-    Raises:
-        Avs3dError: if the shape, the type or a value is another. Scores and probabilities are refused rather than
-            cut at a threshold that the method did not choose.
-    """
-    try:
-        array = np.asarray(mask)
-    except ValueError as error:
-        raise Avs3dError(f"{where}: the mask is no array ({error}); expected {size} bool") from None
-    if array.shape != size:
-        raise Avs3dError(f"{where}: the mask has shape {array.shape}, expected {size} (height, width)")
-    if array.dtype == np.bool_:
-        return array
-    if array.dtype.kind not in "iu":
-        raise Avs3dError(f"{where}: the mask is {array.dtype}, expected bool, or integers 0 and 255; threshold it")
-    top = int(array.max(initial=0))
-    marked = np.count_nonzero(array == top) if top else 0
-    if top not in (0, 1, 255) or marked != np.count_nonzero(array):
-        values = ", ".join(str(value) for value in np.unique(array)[:_NAMED])
-        raise Avs3dError(f"{where}: the mask holds {values} …, expected only 0 and 1, or only 0 and 255; threshold it")
-    return np.asarray(array != 0)
 
 
 def as_categories(
@@ -258,7 +227,7 @@ class SubmissionWriter:
         if not self.observations:
             what = f"no observation matches {' '.join(only)}" if only else "no observation to write masks for"
             raise UsageError(f"{self.dataset.root}: {what}; expected some of {', '.join(self.dataset.keys[:3])}")
-        version = self.dataset.record.version if self.dataset.record else UNVERSIONED
+        version = self.dataset.version or UNVERSIONED
         try:
             self.record = SubmissionRecord(
                 method=method,
@@ -382,5 +351,5 @@ class SubmissionWriter:
 
 
 def _some(names: list[str]) -> str:
-    more = len(names) - _NAMED
-    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
+    more = len(names) - NAMED
+    return ", ".join(names[:NAMED]) + (f" and {more} more" if more > 0 else "")

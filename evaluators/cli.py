@@ -1,4 +1,4 @@
-"""The commands `avs3d-eval` and `avs3d` `check`, `compare`, `verify`, `leaderboard` and `tables`."""
+"""The commands `avs3d-eval` and `avs3d` `check`, `compare`, `verify`, `leaderboard`, `tables` and `metrics`."""
 
 from __future__ import annotations
 
@@ -17,12 +17,14 @@ from avs3d_bench.commands.outputs import OUTPUT_FOLDER, OutputFile
 from avs3d_bench.commands.report import REPORT_JSON, Report
 from avs3d_bench.contract.taxonomy import PARTS
 from avs3d_bench.errors import UsageError
+from evaluators.reading.convention_names import CONVENTIONS
 from evaluators.reporting.signatures import (  # fmt: skip
     COMPARISON,
     FACTORS,
     FACTORS_CSV,
     FRAMES_CSV,
     FRAMES_PARQUET,
+    MASK_METRICS,
     REPORT,
     SCORES,
     VERIFICATION,
@@ -366,6 +368,52 @@ def tables(scores: tuple[Path, ...], folder: Path, which: Any, plot: bool) -> No
 
     for path in write_tables(folder, scores, which=which, plot=plot):
         click.echo(str(path))
+
+
+@click.command(context_settings=HELP, short_help="Score folders of PNG masks by the convention of a benchmark.")
+@click.argument("truth", type=PATH, metavar="TRUTH_DIR")
+@click.argument("prediction", type=PATH, metavar="PREDICTION_DIR")
+@click.option("--convention", type=click.Choice(CONVENTIONS), default=CONVENTIONS[0], show_default=True,
+              help="Whose figures.")  # fmt: skip
+@click.option("--soft", is_flag=True, help="Grey levels of predictions are probabilities: white is 1.")
+@click.option("--frames-per-clip", type=click.IntRange(1), metavar="N",
+              help="Frames of a clip [those of a subfolder; as released].")  # fmt: skip
+@click.option("--clips-per-batch", type=click.IntRange(1), metavar="N",
+              help="Batch size, on which released figures depend [as released].")  # fmt: skip
+@click.option("--classes", type=click.IntRange(2, 256), metavar="C", help="Of avss: number of class ids.")
+@click.option("--json", "json_file", type=OutputFile(MASK_METRICS), metavar="FILE",
+              help="Write the figures to this file as well.")  # fmt: skip
+def metrics(truth: Path, prediction: Path, json_file: Path | None, **options: Any) -> None:
+    """Score PNG masks in PREDICTION_DIR against those of the same names in TRUTH_DIR.
+
+    A subfolder is a clip. Masks are grey, 0 and 255 (or 0 and 1); of avss, class ids. Without --convention, the figures
+    are this toolkit's; docs/which-number.md describes the others. Exit status: 0 scored, 1 bad files, 2 usage.
+    """
+    from avs3d_bench.formats.files import write_json
+    from evaluators.reading.mask_folders import FolderOptions, score_folders
+
+    found = score_folders(truth, prediction, FolderOptions(**options))
+    about = {"clips": found.clips, "frames": found.frames}
+    both = {"figures": found.figures, "order_free": found.order_free}
+    try:
+        if json_file is not None:
+            write_json(json_file, {"avs3d_metrics": __version__, "convention": options["convention"], **about, **both})
+    finally:
+        if found.surplus:
+            count = len(found.surplus)
+            note = f"{count} files without a truth are not looked at ({found.surplus[0]}, …)"
+            click.echo(f"avs3d metrics: note: {note}", err=True)
+        counts = (
+            f"{count} {noun}{'' if count == 1 else 's'}"
+            for noun, count in (("frame", found.frames), ("clip", found.clips))
+        )
+        click.echo(f"{options['convention']}: {', '.join(counts)}")
+        for name, value in found.figures.items():
+            beside = found.order_free.get(name)
+            shown = "–" if value is None else f"{value}" if isinstance(value, int) else f"{value:.4f}"
+            click.echo(f"  {name:<22}{shown:>8}" + ("" if beside is None else f"   order-free {beside:.4f}"))
+    if json_file is not None:
+        click.echo(str(json_file))
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:

@@ -9,10 +9,12 @@ processes: every observation is computed whole in one of them, and means are exa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Literal, cast
 from typing import Protocol as TypingProtocol
 
 import numpy as np
@@ -22,7 +24,8 @@ from avs3d_bench.commands.report import Report, ordered
 from avs3d_bench.contract.schema import ProvenanceRecord
 from avs3d_bench.contract.scores import PROTOCOL_PARTS, PROTOCOLS, Protocol
 from avs3d_bench.dataset import Dataset, Frame, Observation, sibling_frames
-from avs3d_bench.errors import UsageError
+from avs3d_bench.errors import UsageError, did_you_mean, excerpt
+from avs3d_bench.method import Method
 from avs3d_bench.runtime.parallel import advance, process_each
 from avs3d_bench.runtime.provenance import provenance
 from avs3d_bench.sealing.seal import open_sealed
@@ -30,6 +33,7 @@ from evaluators.protocols.conditions import with_conditions
 from evaluators.protocols.sibling_counts import SiblingCounts
 from evaluators.protocols.source_counts import SourceCounts
 from evaluators.reading.checks import check_contents, check_structure, has_categories, has_points, select
+from evaluators.reading.in_memory import Predictions, written
 from evaluators.reading.origin import observation_digests
 from evaluators.reading.reader import Reader
 from evaluators.reading.records import (
@@ -48,6 +52,8 @@ from evaluators.summary import score_record
 
 #: Frames that the report shows, of each kind.
 SHOWN_FRAMES = 12
+#: Most processes, as ``--workers`` takes them.
+MOST_WORKERS = 256
 
 
 @dataclass(frozen=True)
@@ -66,41 +72,90 @@ class ScoringJob:
 
 
 def evaluate(
-    submission: str | Path,
+    submission: str | Path | Predictions | Method,
     dataset: str | Path | Dataset,
     truth: str | Path | None = None,
     *,
-    protocols: Sequence[Protocol] | None = None,
-    only: Iterable[str] = (),
+    protocols: Protocol | Literal["all"] | Sequence[Protocol] | None = None,
+    only: str | Iterable[str] = (),
     aisrm: bool | None = None,
     workers: int | None = 1,
     progress: bool = False,
 ) -> Evaluation:
-    """Score the submission at a path (a folder or a .zip) against a dataset.
+    """Score a submission, or predictions in memory, against a dataset.
 
     Args:
-        submission: its folder or archive.
+        submission: path of a folder or a .zip; or predictions: observation key → masks of its test frames, (T, H, W) in
+            their order or frame name → (H, W), bool or integers 0 and 1 or 0 and 255, or `Prediction` records; or a
+            `Method`, which is run. These are written to a temporary folder and checked as every submission is.
         dataset: its root, or the opened dataset; ours or the official release.
         truth: of a sealed test, the folder with its truth, which is checked against the commitments.
-        protocols: which to compute; None: those that fit the observations
-            (see `fitting`).
+        protocols: which to compute: ``official``, ``strict``, ``listen`` or several of these; None or ``all``: those
+            that fit the observations (see `fitting`).
         only: shell patterns of observation keys; the others are left out.
         aisrm: which folder of the released pipeline's output to read; see `open_submission`.
-        workers: processes; None: one per core.
+        workers: processes, 1 to 256; None: one per core.
         progress: show a bar on stderr.
+
+    Returns:
+        The evaluation; its ``scores`` are what `avs3d-eval --json` writes, and ``scores.to_frame()`` is their table.
 
     Raises:
         InvalidSubmission: if anything is wrong with a file of the submission; its report names every one.
-        UsageError: if a path is neither submission nor dataset, an argument is of another type, the truth of a sealed
-            test is not given, or no observation matches ``only``.
-        Avs3dError: if the dataset itself is damaged, or the truth is not what was committed to.
+        UsageError: if a path is neither submission nor dataset, an argument has another type or value than expected,
+            the truth of a sealed test is not given, no observation matches ``only``, or one has no prediction.
+        Avs3dError: if the dataset itself is damaged, the truth is not what was committed to, or a mask in memory has
+            another size, type or values.
+
+    docs/metrics-python.md and examples/score_a_method.py have examples that run.
     """
     patterns = (only,) if isinstance(only, str) else tuple(only)
+    wanted = _known_protocols(protocols)
+    _check_options(patterns, aisrm, workers)
     data = open_dataset(dataset, truth, patterns)
-    if not isinstance(submission, str | Path):
-        raise UsageError(f"submission: a {type(submission).__name__}; expected the path of a folder or a .zip")
-    with open_submission(Path(submission), aisrm=aisrm) as opened:
-        return score(opened, data, protocols=protocols, only=patterns, workers=workers, progress=progress)
+    with ExitStack() as stack:
+        if isinstance(submission, Mapping | Method):
+            if aisrm is not None:
+                raise UsageError("aisrm: chooses a folder of the released pipeline; leave it out for masks in memory")
+            select(data, patterns)
+            submission = stack.enter_context(written(submission, data, patterns))
+        if not isinstance(submission, str | Path):
+            raise UsageError(
+                f"submission: a {type(submission).__name__}; expected the path of a folder or a .zip, or predictions: "
+                "observation key → masks"
+            )
+        opened = stack.enter_context(open_submission(Path(submission), aisrm=aisrm))
+        return score(opened, data, protocols=wanted, only=patterns, workers=workers, progress=progress)
+
+
+def _known_protocols(asked: str | Sequence[str] | None) -> tuple[Protocol, ...] | None:
+    """Protocols in the words of the command line; None: those that fit."""
+    if asked is None or asked == "all":
+        return None
+    names = (asked,) if isinstance(asked, str) else asked
+    words = (*PROTOCOLS, "all")
+    if not isinstance(names, Sequence) or not names:
+        raise UsageError(f"protocols: {excerpt(asked)}, expected one or more of {', '.join(words)}")
+    for name in names:
+        if name not in PROTOCOLS:
+            raise UsageError(f"protocols: {excerpt(name)}, expected {', '.join(words)}{did_you_mean(name, words)}")
+    return tuple(name for name in PROTOCOLS if name in names)
+
+
+def _check_options(only: Sequence[object], aisrm: object, workers: object) -> None:
+    """Refuse values that the command line refuses.
+
+    Raises:
+        UsageError: naming the option and what was expected.
+    """
+    for pattern in only:
+        if not isinstance(pattern, str):
+            raise UsageError(f"only: {excerpt(pattern)}, expected shell patterns of observation keys, as 'part_2/*'")
+    if not isinstance(aisrm, bool | None):
+        raise UsageError(f"aisrm: {excerpt(aisrm)}, expected True, False or None")
+    whole = isinstance(workers, int) and not isinstance(workers, bool)
+    if workers is not None and not (whole and 1 <= cast(int, workers) <= MOST_WORKERS):
+        raise UsageError(f"workers: {excerpt(workers)}, expected 1 to {MOST_WORKERS}, or None for one per core")
 
 
 def fitting(parts: Collection[str], asked: Sequence[Protocol] | None, where: str) -> tuple[Protocol, ...]:

@@ -82,7 +82,7 @@ def score_record(
         ),
         dataset=ScoredDataset(
             name=dataset.name,
-            version=record.version if record else None,
+            version=dataset.version,
             sha256=sha256_file(dataset.root / layout.DATASET_JSON) if record else None,
             observations=len(dataset),
             scored=len(scored),

@@ -151,7 +151,7 @@ def verify(
         record = data.record
         nothing = VerifiedDataset(
             name=data.name,
-            version=record.version if record else None,
+            version=data.version,
             sha256=sha256_file(data.root / layout.DATASET_JSON) if record else None,
             truth_digest=None,
         )

@@ -7,7 +7,8 @@ value is guessed. docs/metrics.md has the formulas.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal, get_args
+from html import escape
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import Field
 
@@ -22,7 +23,11 @@ from avs3d_bench.contract.schema import (
     SubmissionRecord,
     Text,
 )
+from avs3d_bench.errors import UsageError, did_you_mean, excerpt
 from avs3d_bench.text.printable import printable
+
+if TYPE_CHECKING:
+    from avs3d_bench.contract.score_frames import DataFrame
 
 Protocol = Literal["official", "strict", "listen"]
 #: Protocol → version. It changes when a figure changes for the same masks, and when one is added: 1.1 of ``listen`` has
@@ -371,6 +376,12 @@ class ScoredDataset(Record):
     )
 
 
+def _figure(scores: ObservationScores | GroupScores, metric: Metric) -> float | None:
+    """A figure of an observation or a group; None where it is missing."""
+    found: float | None = getattr(getattr(scores, metric.protocol), metric.name, None)
+    return found
+
+
 class Scores(Record):
     """The file of scores that `avs3d-eval --json` writes."""
 
@@ -399,7 +410,75 @@ class Scores(Record):
     def __repr__(self) -> str:
         return f"Scores({self.headline()})"
 
-    __str__ = __repr__
+    def __str__(self) -> str:
+        """The headline, and a table of the parts."""
+        rows = self._table()
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = ("  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows)
+        return "\n".join([self.headline(), *lines])
+
+    def _repr_html_(self) -> str:
+        """The same for notebooks."""
+        head, *rows = [[escape(cell) for cell in row] for row in self._table()]
+        body = "".join(f"<tr><th>{row[0]}</th><td>{'</td><td>'.join(row[1:])}</td></tr>" for row in rows)
+        return f"<p>{escape(self.headline())}</p><table><tr><th>{'</th><th>'.join(head)}</th></tr>{body}</table>"
+
+    def _figures(self) -> list[tuple[str, Metric]]:
+        """The figures of the computed protocols, with the names of their columns."""
+        return [(f"{m.protocol}.{m.name}", m) for m in METRICS if m.protocol in self.avs3d_eval.protocols]
+
+    def _table(self) -> list[list[str]]:
+        """Head and rows: a column for each part and overall, a row for each figure that any of them has."""
+        groups: list[tuple[str, GroupScores]] = [*self.parts.items(), ("overall", self.overall)]
+        rows = [["", *(f"{name} ({group.observations})" for name, group in groups)]]
+        for name, metric in self._figures():
+            values = [_figure(group, metric) for _, group in groups]
+            if any(value is not None for value in values):
+                rows.append([name, *("–" if value is None else f"{value:.3f}" for value in values)])
+        return rows
+
+    def to_frame(self, rows: Literal["observations", "parts", "categories", "rooms"] = "observations") -> DataFrame:
+        """The scores as a table of pandas.
+
+        Args:
+            rows: ``observations``: one for each, with its part, scan, room, category and number of test frames. Else
+                means over groups: ``parts`` (and overall), ``categories`` or ``rooms``, with the number of
+                observations and, where there is an interval, its ends, as ``strict.IoU.low`` and ``strict.IoU.high``.
+
+        Returns:
+            A row for each, indexed by key or name; figures have columns ``protocol.name``, as ``strict.IoU``. Missing
+            values are NaN.
+
+        Raises:
+            UsageError: if ``rows`` is another word.
+            Avs3dError: if pandas is not installed.
+        """
+        from avs3d_bench.contract.score_frames import frame_of
+
+        if rows == "observations":
+            index, found = "key", [self._observation_row(one) for one in self.observations]
+        elif rows in ("parts", "categories", "rooms"):
+            groups: dict[str, GroupScores] = {**getattr(self, rows)}
+            groups |= {"overall": self.overall} if rows == "parts" else {}
+            index, found = rows, [self._group_row(rows, name, group) for name, group in groups.items()]
+        else:
+            words = ("observations", "parts", "categories", "rooms")
+            raise UsageError(f"rows: {excerpt(rows)}, expected {', '.join(words)}{did_you_mean(rows, words)}")
+        return frame_of(found, index, PROTOCOLS)
+
+    def _observation_row(self, one: ObservationScores) -> dict[str, Any]:
+        about = {name: getattr(one, name) for name in ("key", "part", "scan", "room", "category", "frames")}
+        return about | {name: _figure(one, metric) for name, metric in self._figures()}
+
+    def _group_row(self, kind: str, name: str, group: GroupScores) -> dict[str, Any]:
+        row: dict[str, Any] = {kind: name, "observations": group.observations, "frames": group.frames}
+        for column, metric in self._figures():
+            row[column] = _figure(group, metric)
+            scores = getattr(group, metric.protocol)
+            interval = scores.intervals.get(metric.name) if scores is not None else None
+            if interval is not None:
+                row[f"{column}.low"], row[f"{column}.high"] = interval
+        return row
 
     def headline(self) -> str:
         """Method, dataset, number of observations, and the first two figures of each protocol, in one line."""

@@ -330,7 +330,7 @@ def _facts(
     return CompetitionFacts(
         title=settings.title,
         dataset=data.name,
-        version=record.version if record else None,
+        version=data.version,
         licence=record.licence if record else None,
         phases=tuple((p.name, len(p.observations), p.masks, p.start, p.end, p.max_submissions) for p in phases),
         parts=tuple(sorted({key.split("/")[0] for key in data.keys})),

@@ -381,10 +381,7 @@ def export_shards(
     if not planned:
         raise UsageError(f"{dataset.root}: no frames in split {split}; expected at least one")
     shards = cut(planned, limit, style)
-    record = dataset.record
-    subject = Subject(
-        format=style.format, dataset=dataset.name, dataset_version=record.version if record else None
-    )  # fmt: skip
+    subject = Subject(format=style.format, dataset=dataset.name, dataset_version=dataset.version)
     with _under_way(target):
         known = _known(target, subject)
         foreign = next((s.file for s in shards if s.file not in known and os.path.lexists(target / s.file)), None)
@@ -434,7 +431,7 @@ def _index(
     record = dataset.record
     return ShardIndex(
         format=style.format, toolkit_version=__version__, dataset=dataset.name,
-        dataset_version=record.version if record else None, licence=record.licence if record else None,
+        dataset_version=dataset.version, licence=record.licence if record else None,
         attributions=record.attributions if record else (),
         members={name: what for name, what in members.items() if held[name] or name == "json"},
         splits=sum_splits(records, {split: len(mine) for split, mine in keys.items()}), shards=tuple(records),

@@ -87,8 +87,7 @@ def list_dataset(dataset: Dataset, only: Iterable[str] = ()) -> Listing:
     if patterns and not chosen:
         near = f"; keys look like {dataset.keys[0]!r}" if dataset.keys else ""
         raise UsageError(f"{dataset.root}: no observation matches {' '.join(patterns)}{near}")
-    record = dataset.record
-    return Listing(dataset.name, record.version if record else None, tuple(map(_row, chosen)))
+    return Listing(dataset.name, dataset.version, tuple(map(_row, chosen)))
 
 
 def _row(observation: Observation) -> ListedObservation:

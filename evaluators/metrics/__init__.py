@@ -1,11 +1,17 @@
-"""Figures of masks, volumes and classes, as pure functions; those of masks are named here, too."""
+"""Figures of masks, volumes, classes and directions, as pure functions: of this toolkit and of other benchmarks.
 
-from evaluators.metrics.masks import U8 as U8
-from evaluators.metrics.masks import FrameCounts as FrameCounts
-from evaluators.metrics.masks import as_bytes as as_bytes
-from evaluators.metrics.masks import f_measure as f_measure
-from evaluators.metrics.masks import frame_counts as frame_counts
-from evaluators.metrics.masks import iou as iou
-from evaluators.metrics.masks import mean as mean
-from evaluators.metrics.masks import official_f as official_f
-from evaluators.metrics.masks import official_miou as official_miou
+    from evaluators import metrics
+
+    metrics.evaluate(truth, prediction)                 # (N, H, W) masks or soft masks → dict
+    metrics.Accumulator().update(truth, prediction)     # batch by batch, in any order
+    metrics.avsbench.evaluate(truth, logits)            # as AVSBench's released code; ref_avs, avss, combo likewise
+    metrics.pointing.evaluate(truth, prediction)        # for methods that only point
+
+The evaluator of submissions uses the same functions. docs/metrics-python.md shows their use, docs/which-number.md which
+convention a published table has. The public names are listed in `__init__.pyi`; importing this package imports none of
+its modules: names are imported on first use, and none of them needs torch.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -34,12 +34,13 @@ def confusion(truth: NDArray[np.uint8], prediction: NDArray[np.uint8], count: in
     return cells.reshape(count + 1, count + 1).astype(np.int64)
 
 
-def class_ious(counts: Confusion) -> dict[int, float]:
+def class_ious(counts: Confusion, first: int = 1) -> dict[int, float]:
     """Class id → IoU, of every class that occurs in truth or prediction.
 
     Args:
         counts: of `confusion`, summed over frames.
+        first: the lowest id that is a class: those below stand for nothing.
     """
     both = np.diagonal(counts)
     union = counts.sum(axis=1) + counts.sum(axis=0) - both
-    return {number: float(both[number] / union[number]) for number in range(1, len(counts)) if union[number]}
+    return {number: float(both[number] / union[number]) for number in range(first, len(counts)) if union[number]}

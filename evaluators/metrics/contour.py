@@ -85,6 +85,12 @@ def contour(mask: U8) -> Contour:
 
     Args:
         mask: (H, W) uint8, 0 and one other value.
+
+    Examples:
+        >>> mask = np.zeros((9, 9), np.uint8)
+        >>> mask[2:7, 2:7] = 1
+        >>> contour(mask).length
+        16
     """
     left, top, width, height = cv2.boundingRect(mask)
     if width == 0:
@@ -121,6 +127,12 @@ def boundary_f(truth: Contour, prediction: Contour) -> float:
     """2pr / (p + r): p the share of predicted boundary pixels near a true one, r the other way round.
 
     1 where both have no boundary, 0 where only one has.
+
+    Examples:
+        >>> mask = np.zeros((9, 9), np.uint8)
+        >>> mask[2:7, 2:7] = 1
+        >>> boundary_f(contour(mask), contour(np.roll(mask, 1, axis=1)))  # one pixel is within the tolerance
+        1.0
     """
     if truth.length == 0 or prediction.length == 0:
         return float(truth.length == prediction.length)

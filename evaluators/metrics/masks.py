@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from avs3d_bench.errors import Avs3dError
 
 U8 = NDArray[np.uint8]
+Ints = NDArray[np.int64]
 
 #: β² = 3/10 of the F-measure: precision weighs more (Achanta et al. 2009, and AVSBench). Whole numbers keep F exact.
 _BETA_SQUARED = (3, 10)
@@ -39,6 +40,10 @@ class FrameCounts:
         truth: where the sounding object is visible, |G|.
         predicted: marked, |P|.
         overlap: both, |P ∩ G|.
+
+    Examples:
+        >>> FrameCounts(pixels=32, truth=8, predicted=7, overlap=6).union
+        9
     """
 
     pixels: int
@@ -66,6 +71,10 @@ def frame_counts(truth: NDArray[np.bool_] | U8, prediction: NDArray[np.bool_] | 
 
     Raises:
         Avs3dError: if the shapes differ.
+
+    Examples:
+        >>> frame_counts(np.eye(4, dtype=bool), np.ones((4, 4), bool))
+        FrameCounts(pixels=16, truth=4, predicted=16, overlap=4)
     """
     if truth.shape != prediction.shape or truth.ndim != 2:
         raise Avs3dError(f"the prediction has shape {prediction.shape}, expected that of the truth, {truth.shape}")
@@ -80,6 +89,10 @@ def iou(frame: FrameCounts) -> float:
 
     Raises:
         ZeroDivisionError: if truth and prediction are both empty.
+
+    Examples:
+        >>> iou(FrameCounts(pixels=32, truth=8, predicted=7, overlap=6)) == 6 / 9
+        True
     """
     return frame.overlap / frame.union
 
@@ -88,6 +101,10 @@ def f_measure(frame: FrameCounts) -> float:
     """(1 + β²) p r / (β² p + r) of the mask as given, with p = |P ∩ G| / |P| and r = |P ∩ G| / |G|; 0 without overlap.
 
     Multiplied out, (1 + β²) |P ∩ G| / (β² |G| + |P|).
+
+    Examples:
+        >>> f_measure(FrameCounts(pixels=32, truth=8, predicted=7, overlap=6)) == 7.8 / 9.4
+        True
     """
     if frame.overlap == 0:
         return 0.0
@@ -96,7 +113,12 @@ def f_measure(frame: FrameCounts) -> float:
 
 
 def mean(values: Iterable[float]) -> float | None:
-    """Plain mean, None of nothing; exactly rounded, so that the order does not matter."""
+    """Plain mean, None of nothing; exactly rounded, so that the order does not matter.
+
+    Examples:
+        >>> mean([0.1] * 10), mean([])
+        (0.1, None)
+    """
     numbers = list(values)
     return math.fsum(numbers) / len(numbers) if numbers else None
 
@@ -108,6 +130,10 @@ def official_miou(frames: Sequence[FrameCounts]) -> float:
 
     Raises:
         Avs3dError: if there is no frame.
+
+    Examples:
+        >>> round(official_miou([FrameCounts(32, 8, 7, 6), FrameCounts(32, 0, 2, 0)]), 4)
+        0.8021
     """
     scores = []
     for frame in frames:
@@ -129,10 +155,55 @@ def official_f(frames: Sequence[FrameCounts]) -> float:
 
     Raises:
         Avs3dError: if there is no frame at all.
+
+    Examples:
+        >>> round(official_f([FrameCounts(pixels=32, truth=8, predicted=0, overlap=0)]), 4)  # that of an all-white mask
+        0.3023
     """
     if not frames:
         raise Avs3dError("no frame to score: expected at least one test frame")
-    visible = [frame for frame in frames if frame.truth]
-    masks = mean(f_measure(frame) for frame in visible)
-    whites = mean(f_measure(FrameCounts(f.pixels, f.truth, f.pixels, f.truth)) for f in visible)
-    return 0.0 if masks is None or whites is None else max(masks, whites)
+    return best_mean_f(
+        np.array([frame.truth for frame in frames]),
+        np.array([(frame.pixels, frame.predicted) for frame in frames]),
+        np.array([(frame.truth, frame.overlap) for frame in frames]),
+    )
+
+
+def best_mean_f(truth: Ints, predicted: Ints, overlap: Ints) -> float:
+    """The F of AVSBench's code: at each threshold the mean over frames, then the best of these means.
+
+    Frames with an empty truth are left out; 0 if there is no other. Means are exactly rounded: the order of frames
+    changes nothing.
+
+    Args:
+        truth: (N,) true pixels of each frame, |G|.
+        predicted: (N, L) marked pixels at each of L thresholds, |P|.
+        overlap: (N, L) both, |P ∩ G|.
+    """
+    seen = truth > 0
+    if not seen.any():
+        return 0.0
+    three, ten = _BETA_SQUARED
+    both = overlap[seen]
+    # As `f_measure`; the denominator is above 0 where the truth is not empty.
+    scores = (ten + three) * both / (three * truth[seen, None] + ten * predicted[seen])
+    return max(math.fsum(column) / len(column) for column in scores.T.tolist())
+
+
+def mask_figures(frames: Iterable[FrameCounts]) -> dict[str, float | None]:
+    """The figures that need only counts, as protocols ``strict`` and ``listen`` define them.
+
+    Returns:
+        IoU and F (β² = 0.3), means over the frames whose truth is not empty; FP_rate and FP_area, the share of frames
+        with a mark and the mean share of marked pixels over the others. None where there is no such frame.
+    """
+    visible: list[FrameCounts] = []
+    absent: list[FrameCounts] = []
+    for frame in frames:
+        (visible if frame.truth else absent).append(frame)
+    return {
+        "IoU": mean(iou(frame) for frame in visible),
+        "F": mean(f_measure(frame) for frame in visible),
+        "FP_rate": mean(float(frame.predicted > 0) for frame in absent),
+        "FP_area": mean(frame.predicted / frame.pixels for frame in absent),
+    }

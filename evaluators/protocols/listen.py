@@ -19,7 +19,7 @@ from avs3d_bench.contract.scores import (
     metrics_of,
 )
 from evaluators.metrics.classes import Confusion, class_ious
-from evaluators.metrics.masks import FrameCounts, iou, mean
+from evaluators.metrics.masks import FrameCounts, mask_figures, mean
 from evaluators.metrics.pairs import ALL_PAIRS, group_accuracies, pair_accuracy, pairs_of
 from evaluators.statistics.bootstrap import clustered_interval
 
@@ -54,6 +54,7 @@ def listen_observation(
     absent = [frame for frame in frames if not frame.truth]
     accuracies = {name: pair_accuracy(pairs_of(siblings, [key], name)) for name in PAIR_FIGURES}
     ious = {} if classes is None else {(names or {})[n]: value for n, value in class_ious(classes).items()}
+    found = mask_figures(frames)
     why = {}
     if not visible:
         why["IoU"] = NOTHING_VISIBLE
@@ -64,9 +65,9 @@ def listen_observation(
         why[_CLASSES] = NO_CATEGORIES if classes is None else NO_CLASS
     return ListenObservation(
         **{name: value for name, (value, _) in accuracies.items()},
-        IoU=mean(iou(frame) for frame in visible),
-        FP_rate=mean(float(frame.predicted > 0) for frame in absent),
-        FP_area=mean(frame.predicted / frame.pixels for frame in absent),
+        IoU=found["IoU"],
+        FP_rate=found["FP_rate"],
+        FP_area=found["FP_area"],
         class_mIoU=mean(ious.values()),
         visible_frames=len(visible),
         absent_frames=len(absent),

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from avs3d_bench.contract.scores import ObservationScores, Scores, StrictObservation, StrictSummary, metrics_of
 from evaluators.metrics.frames import FrameFigures, visible_only
-from evaluators.metrics.masks import f_measure, iou, mean
+from evaluators.metrics.masks import mask_figures, mean
 from evaluators.metrics.volume import VolumeScore
 from evaluators.statistics.bootstrap import column_intervals
 
@@ -51,11 +51,8 @@ def strict_observation(
     if volume is not None and volume.centroid_error is None:
         why["centroid_error"] = EMPTY_CLOUD
     return StrictObservation(
-        IoU=mean(iou(frame.counts) for frame in visible),
-        F=mean(f_measure(frame.counts) for frame in visible),
+        **mask_figures(frame.counts for frame in frames),
         boundary_F=mean(frame.boundary_f for frame in visible if frame.boundary_f is not None),
-        FP_rate=mean(float(frame.counts.predicted > 0) for frame in absent),
-        FP_area=mean(frame.counts.predicted / frame.counts.pixels for frame in absent),
         wrong_instance_rate=mean(float(frame.twins_marked > 0) for frame in with_twins),
         IoU_3D=None if volume is None else volume.iou,
         centroid_error=None if volume is None else volume.centroid_error,

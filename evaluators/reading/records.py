@@ -263,6 +263,12 @@ class Evaluation:
         warnings = f"; {count} warning{'' if count == 1 else 's'}" if count else ""
         return f"Evaluation({self.scores.headline()}{warnings})"
 
+    def __str__(self) -> str:
+        return str(self.scores)
+
+    def _repr_html_(self) -> str:
+        return self.scores._repr_html_()
+
 
 class InvalidSubmission(Avs3dError):  # noqa: N818 - the word that users know from the exit status
     """Something is wrong with a submission's files: there is no score. `report` names every one."""

@@ -23,6 +23,7 @@ FACTORS = _page("factors.html.j2")
 SCORES = Signature(keys=("avs3d_eval",), exactly=False)
 COMPARISON = Signature(keys=("avs3d_compare",), exactly=False)
 VERIFICATION = Signature(keys=("same", "values", "differences", "notes", "scores", "dataset", "evaluator"))
+MASK_METRICS = Signature(keys=("avs3d_metrics", "convention", "clips", "frames", "figures", "order_free"))
 
 FRAMES_CSV = Signature(start=b"frames_version,method,dataset,dataset_sha256,protocol,")
 FRAMES_PARQUET = Signature(start=b"PAR1", marks=(b"frames_version", b"dataset_sha256", b"predicted_pixels"))

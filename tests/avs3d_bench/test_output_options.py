@@ -66,6 +66,7 @@ OUTPUTS = {
     ("compare", "json_file"): Case("compare scores.json black.json --json OUT"),
     ("factors", "html_file"): Case("factors frames.csv --html OUT", suffix=".html"),
     ("factors", "csv_file"): Case("factors frames.csv --csv OUT", suffix=".csv"),
+    ("metrics", "json_file"): Case("metrics sub sub --json OUT"),
     ("leaderboard", "folder"): Case("leaderboard scores.json black.json -o OUT"),
     ("tables", "folder"): Case(
         "tables scores.json -o OUT", takes=("table2.md", "table2.csv", "table2.png", "table2.svg")
@@ -130,6 +131,7 @@ OUTPUTS = {
 #: Paths that are read, or kept for the next run: no command replaces a file that it did not write there.
 INPUTS = {
     "root", "manifest", "hrtf", "scans", "habitat_python", "cache", "jobqueue_options", "submission", "submissions",
+    "prediction",
     "truth", "score_file", "scores", "tables", "public", "private", "image", "terms", "exclude", "secret_file", "files",
     "array", "lock", "path", "data", "weights", "listener_weights", "checkpoint", "boxes_checkpoint", "sam_checkpoint",
     "similarity_checkpoint", "folder", "verified", "index", "file", "splats",

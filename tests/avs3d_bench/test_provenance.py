@@ -76,6 +76,7 @@ NOT_COUNTED = {
 #: The same of one result. The listener reads shards for its training; its masks come from datasets.
 ALSO_NOT_COUNTED = {
     "home": {"avs3d_bench.runtime.user_path"},
+    "scores": {"avs3d_bench.contract.score_frames"},
     "baselines.listener": {"avs3d_bench.exports", "avs3d_bench.exports.shard_files", "avs3d_bench.exports.shards"},
 }
 

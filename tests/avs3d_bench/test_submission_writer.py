@@ -23,7 +23,8 @@ from avs3d_bench.contract.schema import SubmissionRecord
 from avs3d_bench.dataset import Dataset, Frame
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import media
-from avs3d_bench.submission import SubmissionWriter, as_mask, frame_size
+from avs3d_bench.formats.mask_values import as_mask
+from avs3d_bench.submission import SubmissionWriter, frame_size
 from tests.support import tiny
 from tests.support.homes import tree_digest
 from tests.support.shared import SharedDataset

@@ -91,18 +91,48 @@ def test_train_on_it(tmp_path: Path, data: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_tour_runs(tmp_path: Path, data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_metrics_in_training(tmp_path: Path) -> None:
+    pytest.importorskip("torch", reason="training needs torch, of the [baselines] extra")
+    said = run("metrics_in_training.py", "--epochs", 3, folder=tmp_path)
+    ious = [float(value) for value in re.findall(r"^epoch \d: IoU (\S+),", said, re.M)]
+    assert len(ious) == 3
+    assert ious[-1] > max(0.5, ious[0])
+    by_clip, by_four = (float(value) for value in re.findall(r"with batches of \d: (\S+)$", said, re.M))
+    assert by_clip < 0.6 * by_four  # half of the clips have no object
+    assert re.search(r"^the same without batches: 0\.\d{4}$", said, re.M)
+
+
+def executed(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> list[dict]:
+    """The outputs of a notebook that is run in ``folder``."""
     pytest.importorskip("matplotlib", reason="the plots need matplotlib, of the [plot] extra")
     nbformat = pytest.importorskip("nbformat", reason="notebooks are run with nbclient, of the [dev] extra")
     nbclient = pytest.importorskip("nbclient", reason="notebooks are run with nbclient, of the [dev] extra")
     pytest.importorskip("ipykernel", reason="notebooks are run in ipykernel, of the [dev] extra")
-    monkeypatch.setenv("AVS3D_DATASET", str(data))
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    notebook = nbformat.read(EXAMPLES / "tour.ipynb", as_version=4)
+    notebook = nbformat.read(EXAMPLES / name, as_version=4)
     nbclient.NotebookClient(
-        notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}
+        notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(folder)}}
     ).execute()
-    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    return [output for cell in notebook.cells for output in cell.get("outputs", [])]
+
+
+@pytest.mark.slow
+def test_the_notebook_on_metrics_is_committed_with_what_it_prints(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cells = json.loads((EXAMPLES / "metrics.ipynb").read_text(encoding="utf-8"))["cells"]
+    committed = ["".join(o["text"]) for cell in cells for o in cell.get("outputs", []) if o["output_type"] == "stream"]
+    outputs = executed("metrics.ipynb", tmp_path, monkeypatch)
+    assert [output["text"] for output in outputs if output["output_type"] == "stream"] == committed
+    assert sum("image/jpeg" in output.get("data", {}) for output in outputs) == 2
+    by_clip, single = map(float, re.findall(r"0\.\d{3}", next(text for text in committed if "batches of one" in text)))
+    assert by_clip < 0.8 * single
+
+
+@pytest.mark.slow
+def test_the_tour_runs(tmp_path: Path, data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("AVS3D_DATASET", str(data))
+    outputs = executed("tour.ipynb", tmp_path, monkeypatch)
     assert sum("image/jpeg" in output.get("data", {}) for output in outputs) == 3
     printed = "".join(output.get("text", "") for output in outputs)
     overall = evaluate(write_trivial("all-white", Dataset(data), tmp_path / "white").path, data).scores.overall.strict

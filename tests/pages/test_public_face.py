@@ -24,6 +24,7 @@ PUBLIC = {
     "avs3d_bench": {"Dataset", "Observation", "Frame", "SubmissionWriter", "validate", "UsageError", "geometry"},
     "evaluators": {"evaluate", "check", "metrics", "check_submission", "open_submission", "write_report"}
     | {"InvalidSubmission", "write_leaderboard"},
+    "evaluators.metrics": {"evaluate", "Accumulator", "avsbench", "ref_avs", "avss", "combo", "pointing"},
     "generators": {"read_manifest", "generate"},
     "baselines": {"echosegnet", "oracle", "trivial", "owod_bind", "denseav", "listener"},
     "baselines.echosegnet": {"write_echosegnet", "Settings", "predict"},
@@ -95,7 +96,7 @@ def test_a_function_is_not_replaced_by_the_module_of_its_name() -> None:
 def test_help_shows_the_public_functions_with_their_signatures() -> None:
     # Since Python 3.13 each parameter of a long signature has a line of its own.
     text = "".join(pydoc.plain(pydoc.render_doc(evaluators)).split())
-    assert "evaluate(submission:'str|Path',dataset:'str|Path|Dataset'" in text
+    assert "evaluate(submission:'str|Path|Predictions|Method',dataset:'str|Path|Dataset'" in text
     assert "check_submission(path:'str|Path'" in text
     assert "classInvalidSubmission" in text
 

@@ -1,0 +1,245 @@
+"""Two folders of PNG masks, of truth and of predictions, scored by the convention of a benchmark: `avs3d metrics`.
+
+Files belong together by their path below the folder. A subfolder is a clip; without subfolders all files are of one
+clip, or of clips of a given length. Names are read with their numbers: `frame_10` comes after `frame_9`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain, groupby
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.formats.mask_values import as_mask
+from avs3d_bench.formats.media import decode_png
+from evaluators.metrics.accumulator import Accumulator
+from evaluators.metrics.conventions import avsbench, avss, combo, ref_avs
+from evaluators.reading.convention_names import Convention
+
+Figures = dict[str, float | None]
+#: Values of a released test script: frames of a clip, clips of a batch.
+_RELEASED = {"avsbench-s4": (5, 1), "avsbench-ms3": (5, 1), "combo": (5, 1), "ref-avs": (10, 4)}
+#: Files that a message names before it only counts.
+_NAMED = 3
+
+
+@dataclass(frozen=True)
+class FolderOptions:
+    """How `score_folders` reads and scores.
+
+    Attributes:
+        convention: whose figures.
+        soft: take the grey levels of predictions as probabilities: 255, or 65535 with 16 bits, is 1.
+        frames_per_clip: length of a clip; None: that of the subfolders, else that of the released test script.
+        clips_per_batch: batch size; None: that of the released test script.
+        classes: number of class ids, of ``avss``.
+    """
+
+    convention: Convention = "avs3d"
+    soft: bool = False
+    frames_per_clip: int | None = None
+    clips_per_batch: int | None = None
+    classes: int | None = None
+
+
+@dataclass(frozen=True)
+class FolderScores:
+    """The figures of two folders.
+
+    Attributes:
+        figures: those of the convention.
+        order_free: the figures of these names that depend neither on batches nor on order; empty of this toolkit's own,
+            which never do.
+        clips: number of clips.
+        frames: number of frames.
+        surplus: predictions without a truth, which are not looked at.
+    """
+
+    figures: Figures
+    order_free: Figures
+    clips: int
+    frames: int
+    surplus: tuple[str, ...]
+
+
+def score_folders(truth: Path, prediction: Path, options: FolderOptions) -> FolderScores:
+    """Score the PNG files below two folders.
+
+    Raises:
+        UsageError: if a folder holds no PNG, clips differ in length where the convention needs one length, or an
+            option does not fit the convention.
+        Avs3dError: if a prediction is missing, or a file is damaged or has another size, format or other values.
+    """
+    _check(options)
+    names, surplus = _matched(truth, prediction)
+    clips = _clips(names, options.frames_per_clip)
+    if options.convention == "avs3d":
+        figures = Accumulator()
+        for clip in clips:
+            figures.add_clip(_truths(truth, clip), _predictions(truth, prediction, clip, soft=options.soft))
+        return FolderScores(figures.compute(), {}, len(clips), len(names), surplus)
+    score = _classes if options.convention == "avss" else _masks
+    return FolderScores(*score(truth, prediction, clips, options), len(clips), len(names), surplus)
+
+
+def _check(options: FolderOptions) -> None:
+    if (options.convention == "avss") != (options.classes is not None):
+        how = "expected --classes 71 of AVSBench-semantic" if options.classes is None else "leave out --classes"
+        raise UsageError(f"--convention {options.convention}: {how}; avss alone scores classes")
+    if options.soft and options.convention in ("avss", "3d-avs"):
+        raise UsageError(f"--convention {options.convention}: has no soft masks; leave out --soft")
+    if options.clips_per_batch is not None and options.convention not in _RELEASED:
+        raise UsageError(f"--convention {options.convention}: has no batches; leave out --clips-per-batch")
+
+
+def _classes(
+    truth: Path, prediction: Path, clips: Sequence[Sequence[str]], options: FolderOptions
+) -> tuple[Figures, Figures]:
+    """The figures of class ids as released, and those beside them."""
+    names = list(chain.from_iterable(clips))
+
+    def score(how: Callable[[object, object, int | None], dict[str, float]]) -> Figures:
+        true, found = (map(_ids, [folder / name for name in names]) for folder in (truth, prediction))
+        return {**how(true, found, options.classes)}
+
+    return score(avss.evaluate), score(avss.order_free)
+
+
+def _masks(
+    truth: Path, prediction: Path, clips: Sequence[Sequence[str]], options: FolderOptions
+) -> tuple[Figures, Figures]:
+    """The figures of masks as released, and those beside them."""
+    names, convention = list(chain.from_iterable(clips)), options.convention
+
+    def given() -> tuple[Iterator[NDArray[Any]], Iterator[NDArray[Any]]]:
+        found = _predictions(truth, prediction, names, soft=options.soft)
+        return _truths(truth, names), (_values_for(convention, frame) for frame in found)
+
+    module: Any = {"combo": combo, "ref-avs": ref_avs}.get(convention, avsbench)
+    frames, batch = _RELEASED.get(convention, (len(clips[0]), 1))
+    if len(clips) > 1:  # else the files of all clips lie in one folder
+        lengths = sorted({len(clip) for clip in clips})
+        if len(lengths) > 1:
+            some = " and ".join(map(str, lengths[:_NAMED]))
+            raise UsageError(f"{truth}: clips of {some} frames; {convention} needs one length: --frames-per-clip N")
+        frames = lengths[0]
+    frames = options.frames_per_clip or frames
+    return module.evaluate(*given(), options.clips_per_batch or batch, frames), module.order_free(*given())
+
+
+def _values_for(convention: Convention, frame: NDArray[Any]) -> NDArray[np.float32]:
+    """A predicted mask or soft mask as the numbers that a convention's code expects."""
+    probability = frame.astype(np.float32)
+    if convention in ("combo", "3d-avs"):  # the latter takes 0 and 1 for logits, as the released pipeline does
+        return probability
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(probability) - np.log1p(-probability))
+
+
+def _matched(truth: Path, prediction: Path) -> tuple[list[str], tuple[str, ...]]:
+    """Paths below both folders, in order, and those of predictions without a truth."""
+    true, found = _pngs(truth), _pngs(prediction)
+    missing = [name for name in true if name not in found]
+    if missing:
+        some = ", ".join(missing[:_NAMED]) + (f" and {len(missing) - _NAMED} more" if len(missing) > _NAMED else "")
+        raise Avs3dError(
+            f"{prediction}: {len(missing)} of {len(true)} masks are missing: {some}; expected the names of {truth}"
+        )
+    known = set(true)
+    return list(true), tuple(name for name in found if name not in known)
+
+
+def _pngs(folder: Path) -> dict[str, None]:
+    """Paths of the PNG files below a folder, in natural order.
+
+    Raises:
+        UsageError: if it is no folder, or there is none.
+    """
+    if not folder.is_dir():
+        raise UsageError(f"{folder}: no such folder; expected one with PNG masks")
+    paths = (path.relative_to(folder) for path in folder.rglob("*") if path.suffix.lower() == ".png")
+    names = [path.as_posix() for path in paths if not any(part.startswith(".") for part in path.parts)]
+    if not names:
+        raise UsageError(f"{folder}: no PNG file; expected masks, in it or in a subfolder for each clip")
+    return dict.fromkeys(sorted(names, key=_natural))
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    """Sort key of a path: folder by folder, numbers by value."""
+    return [
+        (int(piece), "") if piece.isdigit() else (-1, piece)
+        for part in PurePosixPath(name).with_suffix("").parts
+        for piece in [*re.split(r"([0-9]+)", part), "/"]
+    ]
+
+
+def _clips(names: Sequence[str], length: int | None) -> list[list[str]]:
+    """The names of each clip: those of a subfolder, or of a given number of files."""
+    folders = [list(clip) for _, clip in groupby(names, key=lambda name: PurePosixPath(name).parent)]
+    if length is None:
+        return folders
+    out = []
+    for clip in folders:
+        if len(clip) % length:
+            where = PurePosixPath(clip[0]).parent
+            raise UsageError(f"{where}: {len(clip)} frames are no whole clips of {length}; --frames-per-clip")
+        out += [clip[start : start + length] for start in range(0, len(clip), length)]
+    return out
+
+
+def _truths(folder: Path, names: Sequence[str]) -> Iterator[NDArray[np.bool_]]:
+    return (_mask(folder / name) for name in names)
+
+
+def _predictions(truth: Path, folder: Path, names: Sequence[str], *, soft: bool) -> Iterator[NDArray[Any]]:
+    """Masks (H, W) bool, or probabilities (H, W) float32, each of the size of its truth."""
+    read: Callable[[Path], NDArray[Any]] = _probability if soft else _mask
+    for name in names:
+        found, expected = read(folder / name), _grey(truth / name).shape
+        if found.shape != expected:
+            size, wanted = (f"{shape[1]}×{shape[0]}" for shape in (found.shape, expected))
+            raise Avs3dError(f"{folder / name}: {size} pixels, expected {wanted}, those of its truth")
+        yield found
+
+
+def _mask(path: Path) -> NDArray[np.bool_]:
+    pixels = _grey(path)
+    try:
+        return as_mask(pixels, (pixels.shape[0], pixels.shape[1]), str(path))
+    except Avs3dError as error:
+        raise Avs3dError(f"{error}; --soft reads the grey levels of predictions as probabilities") from None
+
+
+def _probability(path: Path) -> NDArray[np.float32]:
+    pixels = _grey(path)
+    return np.asarray(pixels / np.float32(np.iinfo(pixels.dtype).max), dtype=np.float32)
+
+
+def _ids(path: Path) -> NDArray[np.uint8]:
+    pixels = _grey(path)
+    if pixels.dtype != np.uint8:
+        raise Avs3dError(f"{path}: 16 bits, expected class ids in a grey PNG of 8 bits")
+    return pixels
+
+
+def _grey(path: Path) -> NDArray[Any]:
+    """The pixels of a picture without colour, (H, W) uint8 or uint16; of three equal channels one.
+
+    Raises:
+        Avs3dError: if it is damaged, or has colours.
+    """
+    pixels = decode_png(path, cv2.IMREAD_UNCHANGED)
+    if pixels.ndim == 3:
+        colours = pixels[..., :3]
+        if (colours != colours[..., :1]).any():
+            raise Avs3dError(f"{path}: a coloured picture, expected a grey one")
+        pixels = colours[..., 0]
+    return np.asarray(pixels)
