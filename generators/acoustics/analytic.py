@@ -23,12 +23,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 
-from avs3d_bench.contract.schema import Scalar
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose
 from avs3d_bench.measures.decay import eyring
@@ -44,6 +44,9 @@ from generators.acoustics.geometry import (
 )
 from generators.acoustics.materials import DEFAULT_MATERIAL, OCTAVE_BANDS, mean_absorption, triangle_areas
 from generators.core.scene import Room, Scene
+
+if TYPE_CHECKING:
+    from avs3d_bench.contract.schema import Scalar
 
 Array = NDArray[np.float64]
 

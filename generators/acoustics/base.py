@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench.contract.schema import Scalar
 from avs3d_bench.geometry import Pose
 from generators.core.scene import Scene
+
+if TYPE_CHECKING:
+    from avs3d_bench.contract.schema import Scalar
 
 
 class AcousticSession(Protocol):

@@ -24,12 +24,11 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench.contract.schema import Scalar
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose
 from avs3d_bench.runtime.imports import needing
@@ -45,6 +44,9 @@ from generators.acoustics.geometry import (
 from generators.acoustics.materials import RESIDUAL, material_for, write_engine_json
 from generators.core.limits import check_ranges
 from generators.core.scene import Scene
+
+if TYPE_CHECKING:
+    from avs3d_bench.contract.schema import Scalar
 
 #: Sample rates the built-in head-related transfer functions were verified at; higher ones abort the process.
 SAMPLE_RATES = (16_000, 22_050, 32_000, 44_100)

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench import __version__
-from avs3d_bench.contract.schema import Scalar
 from avs3d_bench.errors import Avs3dError
 from generators.acoustics.geometry import SPEED_OF_SOUND, AcousticMesh, checked_scale
 from generators.acoustics.materials import RESIDUAL
@@ -26,6 +25,7 @@ from generators.core.cuda import cuda_version, require_device
 from generators.core.scene import Scene
 
 if TYPE_CHECKING:
+    from avs3d_bench.contract.schema import Scalar
     from generators.acoustics.tracer.receivers.base import Receiver
 
 #: What traces and makes responses.
