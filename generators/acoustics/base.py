@@ -13,6 +13,7 @@ from generators.core.scene import Scene
 
 if TYPE_CHECKING:
     from avs3d_bench.contract.schema import Scalar
+    from generators.acoustics.tracer.arrivals import Arrivals
 
 
 class AcousticSession(Protocol):
@@ -62,6 +63,19 @@ class ReceiverSession(AcousticSession, Protocol):
 
         They do not change what `impulse_response` gives.
         """
+        ...
+
+
+@runtime_checkable
+class ArrivalSession(AcousticSession, Protocol):
+    """A session that tells single arrivals, before any receiver."""
+
+    def arrivals(self, pose: Pose) -> Arrivals:
+        """All that arrives at a pose; it does not depend on the pose's rotation."""
+        ...
+
+    def early(self, pose: Pose) -> Arrivals:
+        """The direct sound and the specular reflections alone; far cheaper than `arrivals`."""
         ...
 
 

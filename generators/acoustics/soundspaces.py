@@ -38,8 +38,8 @@ from generators.acoustics.geometry import (
     check_free_source,
     checked_position,
     checked_scale,
-    longest_view,
     reflections_to_decay,
+    views_from,
 )
 from generators.acoustics.materials import RESIDUAL, material_for, write_engine_json
 from generators.core.limits import check_ranges
@@ -210,8 +210,8 @@ class SoundSpacesSession:
     def _free_source(self, source: tuple[float, float, float]) -> list[float]:
         """A position at which the engine may stand a source: from a closed box it lets a few stray rays out."""
         position = self._position(source, "source")
-        farthest = longest_view(self._triangles, np.asarray(position))
-        check_free_source(self._scene_name, position, farthest, self._room)
+        views = views_from(self._triangles, np.asarray(position))
+        check_free_source(self._scene_name, position, views, self._room)
         return position
 
     def _position(self, position: tuple[float, float, float], what: str) -> list[float]:

@@ -24,7 +24,7 @@ from generators.acoustics.tracer.image_paths import visible_images
 from generators.acoustics.tracer.kernels import NEAREST, crossings, specular_planes
 from generators.acoustics.tracer.rays import ray_directions
 from generators.acoustics.tracer.surfaces import AcousticSurfaces, scratch
-from generators.acoustics.tracer.transmission import MOST_WALLS, wall_gain
+from generators.acoustics.tracer.transmission import MOST_WALLS, WallTable, wall_gain
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
@@ -53,6 +53,7 @@ class Images:
         gain: (S, 8) amplitude that the reflections leave, per octave.
         keys: (S,) sorted int64 keys of the sequences (see `trace_late`).
         group: (S,) number of the image's position; images of one position are one sound.
+        walls: transmission coefficients, if a material of the scene gives its own.
     """
 
     source: F64
@@ -61,6 +62,7 @@ class Images:
     gain: F64
     keys: NDArray[np.int64]
     group: NDArray[np.int64]
+    walls: WallTable | None = None
 
     @property
     def last(self) -> F64:
@@ -94,7 +96,8 @@ def images_of(surfaces: AcousticSurfaces, source: F64, order: int, seed: int, se
         positions[has, k] = at[has]
         gain[has] *= amplitude[surfaces.plane_material[plane]]
     keys = np.sort(_keys(sequences, surfaces.planes))
-    return Images(source, sequences, positions, gain, keys, _groups(np.round(at / _SAME_IMAGE).astype(np.int64)))
+    group = _groups(np.round(at / _SAME_IMAGE).astype(np.int64))
+    return Images(source, sequences, positions, gain, keys, group, surfaces.walls)
 
 
 def _groups(rows: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -185,6 +188,11 @@ def early_arrivals(surfaces: AcousticSurfaces, images: Images, listener: F64) ->
     return heard_images(images, listener[None], visible[None], weight[None], np.array([between]), hidden[None])[0]
 
 
+def _through(images: Images, listener: F64, surfaces: int) -> F64:
+    """(8,) amplitude factor of the direct sound through so many surfaces."""
+    return wall_gain(surfaces) if images.walls is None else images.walls.gain(listener, images.source)
+
+
 def heard_images(
     images: Images,
     listeners: F64,
@@ -217,8 +225,8 @@ def heard_images(
     once, parts = once[order], parts[order]
     owner, image = owner[once], image[once]
     through = [
-        np.ones(8) if surfaces == 0 else wall_gain(int(surfaces)) * depth
-        for surfaces, depth in zip(between, hidden, strict=True)
+        np.ones(8) if surfaces == 0 else _through(images, listener, int(surfaces)) * depth
+        for listener, surfaces, depth in zip(listeners, between, hidden, strict=True)
     ]
     direct = np.array(through)
     owner = np.concatenate([np.arange(count), owner])

@@ -116,7 +116,7 @@ class TracerSession:
         position = np.array((x, y, z))
         if self._bounds is not None:
             views = self._surfaces.first_hits(np.broadcast_to(position, (_VIEWS, 3)), fibonacci_directions(_VIEWS))
-            check_free_source(self._scene, position, float(views.max()), self._room)
+            check_free_source(self._scene, position, views, self._room)
         images = self._images(position)
         self._source = (x, y, z)
         self._heard[self._source] = _Source(images, lit_edges(self._surfaces.edges, position), {})
@@ -153,6 +153,15 @@ class TracerSession:
         if not found.pressure.any():
             raise self._nothing_heard(position)
         return found
+
+    def early(self, pose: Pose) -> Arrivals:
+        """The direct sound and the specular reflections at a pose, without a trace; those of `arrivals`.
+
+        Raises:
+            Avs3dError: if the session is closed, or the listener is outside the scene.
+        """
+        self._check_open()
+        return early_arrivals(self._surfaces, self._heard[self._source].images, np.array(self._position(pose)))
 
     def impulse_response(self, pose: Pose) -> NDArray[np.float32]:
         """Response (channels, n) float32 of the receiver at the session's sample rate.
