@@ -219,6 +219,8 @@ class Analytic(Engine):
         Avs3dError: if a number is out of range.
     """
 
+    _step, _turn = 0.025, math.radians(3)
+
     def __init__(self, seed: int = 0, *, images: int = 2000, tail: bool = True) -> None:
         self.seed, self.images, self.tail = seed, images, tail
         self.backend()

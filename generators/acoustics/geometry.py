@@ -189,9 +189,10 @@ def views_from(triangles: NDArray[np.float64], point: NDArray[np.float64], rays:
 
 #: A source that sees no farther than this share of its room's diagonal is walled in.
 _LEAST_VIEW = 1 / 3
-#: In a mesh of unknown rooms, a source is walled in if this share of its views is shorter than `_WALL` metres (or than
-#: `_WALL_SHARE` of the mesh's diagonal): inside a wall of 30 cm the views along it are long, but few.
-_NEAR_VIEWS, _WALL, _WALL_SHARE = 0.85, 1.0, 0.2
+#: In a mesh of unknown rooms, a source is walled in if more than this share of its views is shorter than `_WALL` metres
+#: (or than `_WALL_SHARE` of the mesh's diagonal). In a wall of thickness t these are 1 − t/(2·_WALL); a source in the
+#: corner of three walls has the last eighth free.
+_NEAR_VIEWS, _WALL, _WALL_SHARE = 7 / 8, 1.0, 0.2
 #: Share of views out of a mesh from which it counts as open on purpose (a courtyard, a floor alone).
 _OPEN = 0.5
 

@@ -157,8 +157,8 @@ class AudioSensor:
         if self._source is None or self._listener is None:
             raise Avs3dError("audio sensor: call setAudioSourceTransform and setAudioListenerTransform first")
         config, scale = self.spec.acousticsConfig, self.spec.acousticsConfig.unitScale
-        source = tuple(scale * c for c in self._source.position)
-        pose = replace(self._listener, position=tuple(scale * c for c in self._listener.position))
+        source = replace(self._source, position=_scaled(self._source, scale))
+        pose = replace(self._listener, position=_scaled(self._listener, scale))
         receiver = self._receiver if self._engine_hears_all() else None
         found = self._engine().response(self._opened(), source, pose, receiver, sample_rate=config.sampleRate)
         if not (config.direct and config.indirect):
@@ -203,10 +203,10 @@ class AudioSensor:
         return not blocked(self._opened().triangles, *(self.spec.acousticsConfig.unitScale * end for end in ends))
 
     def _opened(self) -> Room:
+        if isinstance(self._stage, Room):
+            return self._stage
         if self._room is None:
-            scale = self.spec.acousticsConfig.unitScale
-            is_room = isinstance(self._stage, Room)
-            self._room = self._stage if is_room else Room.from_mesh(self._stage, self._materials, scale=scale)
+            self._room = Room.from_mesh(self._stage, self._materials, scale=self.spec.acousticsConfig.unitScale)
         return self._room
 
     def _engine(self) -> Engine:
@@ -219,6 +219,11 @@ class AudioSensor:
     def _engine_hears_all(self) -> bool:
         """Whether the engine takes any receiver; the others have their own head."""
         return self._given is None or isinstance(self._given, Tracer) or self.spec.channelLayout.channelCount != 2
+
+
+def _scaled(pose: Pose, scale: float) -> tuple[float, float, float]:
+    x, y, z = pose.position
+    return scale * x, scale * y, scale * z
 
 
 def _receiver(layout: ChannelLayout) -> Receiver:

@@ -137,7 +137,7 @@ def _knotted(heard: _Whole | _Rest, signal: F64, way: _Way, steps: tuple[float, 
     places = way.source.position_at(sources)
     ears = way.listener.position_at(listeners)
     lags = np.linalg.norm(places[:, None] - ears[None], axis=-1) / SPEED_OF_SOUND * rate
-    correlation = None if heard.aligns else _correlation(heard, way, sources, listeners)
+    correlation = _correlation(heard, way, (sources, listeners), lags)
     out = np.zeros((0, count))
     reach = 0  # samples of the longest response so far
     for k, place in enumerate(places):
@@ -181,12 +181,12 @@ def _at_listener(
     m: int,
     ears: F64,
     ends: NDArray[np.int64],
-    correlation: float | None,
+    correlation: float,
 ) -> F64:
     """The sound at the listener's knot m, in its window, with the delay that the direct sound has at each moment."""
-    window = np.interp(n, ends, np.eye(len(ends))[m])
-    if correlation is not None:
-        return np.asarray(sound * levelled(window, correlation))
+    window = levelled(np.interp(n, ends, np.eye(len(ends))[m]), correlation)
+    if not heard.aligns:
+        return np.asarray(window * sound)
     seconds = n / way.sample_rate
     places, at = way.source.position_at(seconds), way.listener.position_at(seconds)
     far = np.linalg.norm(places - at, axis=1) - np.linalg.norm(places - ears[m], axis=1)
@@ -194,17 +194,23 @@ def _at_listener(
     return np.stack([window * delayed(channel, lag, 0) for channel in sound])
 
 
-def _correlation(heard: _Rest | _Whole, way: _Way, sources: F64, listeners: F64) -> float:
-    """Correlation of the responses at the first two knots, 0 to 1."""
+def _correlation(heard: _Rest | _Whole, way: _Way, knots: tuple[F64, F64], lags: F64) -> float:
+    """Correlation of the responses at the first two knots, 0 to 1; of whole responses with direct sounds aligned."""
+    second = tuple(min(1, len(times) - 1) for times in knots)
     found = []
-    for k, m in ((0, 0), (min(1, len(sources) - 1), min(1, len(listeners) - 1))):
-        x, y, z = way.source.position_at(sources[k : k + 1])[0]
+    for k, m in ((0, 0), second):
+        x, y, z = way.source.position_at(knots[0][k : k + 1])[0]
         heard.session.move_source((float(x), float(y), float(z)))
-        found.append(heard.response(way, float(listeners[m])).astype(np.float64))
+        found.append(heard.response(way, float(knots[1][m])).astype(np.float64))
+    if heard.aligns:
+        shift = float(lags[second] - lags[0, 0])
+        found[1] = np.stack([delayed(one, np.full(len(one), -shift), 0) for one in found[1]])
     length = min(one.shape[1] for one in found)
     a, b = (one[:, :length] for one in found)
     energy = math.sqrt(float(np.square(a).sum()) * float(np.square(b).sum()))
-    return min(max(float((a * b).sum()) / energy, 0.0), 1.0) if energy > 0 else 1.0
+    alike = min(max(float((a * b).sum()) / energy, 0.0), 1.0) if energy > 0 else 1.0
+    # Where both move, each has half a part in it.
+    return math.sqrt(alike) if min(map(len, knots)) > 1 else alike
 
 
 @dataclass(eq=False)

@@ -71,7 +71,9 @@ class Rir:
 
     def edt(self) -> dict[int, float | None]:
         """Early decay time in s (ISO 3382-1), from 0 to −10 dB; None where it cannot be measured."""
-        return {octave: fit_decay(self._remaining(octave), self.sample_rate, 0.0, -10.0) for octave in self.octaves}
+        first = min(round(self.distance / SPEED_OF_SOUND * self.sample_rate), self.samples.shape[1] - 1)
+        remaining = {octave: self._remaining(octave)[first:] for octave in self.octaves}
+        return {octave: fit_decay(each, self.sample_rate, 0.0, -10.0) for octave, each in remaining.items()}
 
     def c50(self) -> dict[int, float]:
         """Clarity C50 in dB (ISO 3382-1): energy of the first 50 ms after the direct sound over the rest."""
@@ -98,7 +100,7 @@ class Rir:
         """
         if octave is not None and octave not in self.octaves:
             raise UsageError(f"energy_decay: octave is {octave!r}, expected one of {', '.join(map(str, self.octaves))}")
-        remaining = self._remaining(octave)[: self.samples.shape[1]]
+        remaining = self._remaining(octave)
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(10 * np.log10(np.maximum(remaining / remaining[0], 0.0)))
 
@@ -174,8 +176,10 @@ class Rir:
             import sofar
         turn = self.listener.rotation_matrix
         file = sofar.Sofa("SingleRoomMIMOSRIR")
+        for name in ("ReceiverDescriptions", "EmitterDescriptions"):  # sofar 1.3 cannot write them with netCDF4 1.7.5
+            file.delete(name)
         file.GLOBAL_Title, file.GLOBAL_RoomType = "avs3d-bench room impulse response", "reverberant"
-        file.GLOBAL_ApplicationName = "avs3d-bench"
+        file.GLOBAL_RoomDescription = str(self.provenance.get("room", "a room"))
         file.GLOBAL_Comment = json.dumps(self.metadata())
         file.Data_IR = self.samples[None, :, :, None].astype(np.float64)
         file.Data_SamplingRate, file.Data_Delay = float(self.sample_rate), np.zeros((1, len(self.samples), 1))
@@ -185,10 +189,11 @@ class Rir:
         sofar.write_sofa(str(path), file)
 
     def _remaining(self, octave: int | None) -> F64:
-        """(m,) energy from each sample on, in an octave or at all frequencies."""
+        """(n,) energy from each sample on, in an octave or at all frequencies."""
         sound = self.samples if octave is None else octave_filtered(self.samples, self.sample_rate, octave)
         energy = np.square(np.asarray(sound, dtype=np.float64)).sum(axis=0)
-        return np.asarray(np.cumsum(energy[::-1])[::-1])
+        before = (len(energy) - self.samples.shape[1]) // 2  # what the octave filter needs at each end
+        return np.asarray(np.cumsum(energy[::-1])[::-1][before : before + self.samples.shape[1]])
 
     def _pieces(self, first: int, last: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """The response from ``first`` to ``last``, and what comes after it."""

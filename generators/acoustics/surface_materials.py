@@ -12,7 +12,8 @@ A file (YAML or JSON) has the same lines, or names its own materials first::
       "*": plaster
       "floor*": my_carpet
 
-The most specific pattern counts: the one with the most characters that are no wildcard, of equal ones the later.
+Labels of faces count before names of meshes, and those before names of their materials. Of the patterns that match one
+name, the most specific counts: the one with the most characters that are no wildcard, of equal ones the later.
 Names of the table (`generators.acoustics.materials.MATERIALS`) are materials in an inhabited room, whose small things
 absorb 6 % more; coefficients are used as they are. SoundSpaces' own material files are read too.
 """
@@ -55,13 +56,14 @@ class SurfaceMaterials:
     def match(self, names: Sequence[str]) -> tuple[int, str] | None:
         """The number of the line that one of ``names`` matches, and that name; None without one."""
         order = sorted(range(len(self.lines)), key=lambda n: (_literal(self.lines[n][0]), n), reverse=True)
-        for number in order:
-            pattern = re.compile(translate(self.lines[number][0].lower()))
-            for name in names:
-                if pattern.match(name.lower()):
+        patterns = [(number, re.compile(translate(self.lines[number][0].lower()))) for number in order]
+        for name in names:
+            for number, pattern in patterns:
+                if _literal(self.lines[number][0]) and pattern.match(name.lower()):
                     return number, name
-            if self.lines[number][0] == "*":
-                return number, ""
+        for number, pattern in patterns:  # wildcards alone
+            if pattern.match(names[0].lower() if names else ""):
+                return number, names[0] if names else ""
         return None
 
 
