@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -87,7 +87,7 @@ class Engine(ABC):
             2
         """
         pose = as_pose(listener)
-        with _Opened(self, room, source, receiver, directivity, sample_rate) as opened:
+        with _Opened(_Asked(self, room, receiver, directivity, sample_rate), source) as opened:
             rir = opened.rir(pose)
             if isinstance(opened.session, ArrivalSession):
                 rir = replace(rir, arrivals=opened.session.arrivals(pose))
@@ -126,14 +126,14 @@ class Engine(ABC):
         places = [as_pose(source, f"source {number}") for number, source in enumerate(sources)]
         poses = [as_pose(listener, f"listener {number}") for number, listener in enumerate(listeners)]
         together = max(len(poses), 1) if self._in_sequence else _TOGETHER
-        tasks = [
+        tasks: list[_Task] = [
             (place, poses[first : first + together]) for place in places for first in range(0, len(poses), together)
         ]
-        common = (self, room, receiver, directivity, sample_rate)
+        asked = _Asked(self, room, receiver, directivity, sample_rate)
         if processes == 1 and not progress:
-            yield from _each(*common, tasks)
+            yield from _each(asked, tasks)
         else:
-            yield from _in_processes(common, tasks, processes, progress)
+            yield from _in_processes(asked, tasks, processes, progress)
 
     def render(
         self,
@@ -169,7 +169,7 @@ class Engine(ABC):
 
         samples = _checked_signal(signal)
         tracks = as_track(source, "source"), as_track(listener, "listener")
-        with _Opened(self, room, tracks[0].pose_at(0.0), receiver, directivity, sample_rate) as opened:
+        with _Opened(_Asked(self, room, receiver, directivity, sample_rate), tracks[0].pose_at(0.0)) as opened:
             heard = opened.receiver if isinstance(opened.session, ArrivalSession) else None
             return render(opened.session, heard, samples, *tracks, (self._step, self._turn))
 
@@ -260,29 +260,40 @@ class SoundSpaces(Engine):
         return SoundSpacesBackend(self.settings, omni=omni)
 
 
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """What is the same for all responses of a call."""
+
+    engine: Engine
+    room: Room
+    receiver: Receiver | None
+    directivity: Any
+    sample_rate: int
+
+    def check(self) -> None:
+        """Refuse what no engine could say in words of the user.
+
+        Raises:
+            UsageError: one line.
+        """
+        if not isinstance(self.room, Room):
+            raise UsageError(f"room: got {excerpt(self.room)}, expected Room.shoebox(…) or Room.from_mesh(…)")
+        if isinstance(self.engine, Analytic) and not len(self.room.triangles):
+            raise UsageError("Analytic has no free field: it needs a room with walls; use Tracer")
+        if isinstance(self.sample_rate, bool) or not isinstance(self.sample_rate, int | np.integer):
+            raise UsageError(f"sample_rate is {excerpt(self.sample_rate)}, expected a whole number of Hz")
+
+
 class _Opened:
     """A session in a room, and what it takes to describe its responses."""
 
-    def __init__(
-        self,
-        engine: Engine,
-        room: Room,
-        source: Any,
-        receiver: Receiver | None,
-        directivity: Any,
-        sample_rate: int,
-    ) -> None:
-        if not isinstance(room, Room):
-            raise UsageError(f"room: got {excerpt(room)}, expected Room.shoebox(…) or Room.from_mesh(…)")
-        if isinstance(engine, Analytic) and not len(room.triangles):
-            raise UsageError("Analytic has no free field: it needs a room with walls; use Tracer")
-        if isinstance(sample_rate, bool) or not isinstance(sample_rate, int | np.integer):
-            raise UsageError(f"sample_rate is {excerpt(sample_rate)}, expected a whole number of Hz")
+    def __init__(self, asked: _Asked, source: Any) -> None:
+        asked.check()
         self.source = as_pose(source, "source")
-        self._room, self._backend = room, engine.backend(receiver, directivity)
-        self.receiver: Receiver | None = getattr(self._backend, "receiver", receiver)
+        self._room, self._backend = asked.room, asked.engine.backend(asked.receiver, asked.directivity)
+        self.receiver: Receiver | None = getattr(self._backend, "receiver", asked.receiver)
         self.session: AcousticSession = self._backend.open(
-            room.scene, self.source.position, room=room.box_name, sample_rate=int(sample_rate)
+            self._room.scene, self.source.position, room=self._room.box_name, sample_rate=int(asked.sample_rate)
         )
 
     def __enter__(self) -> _Opened:
@@ -312,24 +323,17 @@ class _Opened:
         )
 
 
-def _each(
-    engine: Engine,
-    room: Room,
-    receiver: Receiver | None,
-    directivity: Any,
-    sample_rate: int,
-    tasks: Sequence[_Task],
-) -> Iterator[Rir]:
+def _each(asked: _Asked, tasks: Sequence[_Task]) -> Iterator[Rir]:
     """The responses of some sources and listeners; one session, unless its responses depend on those before."""
     opened: _Opened | None = None
     try:
         for source, poses in tasks:
-            if opened is not None and not engine._in_sequence and directivity is None:
+            if opened is not None and not asked.engine._in_sequence and asked.directivity is None:
                 opened.move_source(source)
             else:
                 if opened is not None:
                     opened.session.close()
-                opened = _Opened(engine, room, source, receiver, directivity, sample_rate)
+                opened = _Opened(asked, source)
             if isinstance(opened.session, BatchSession):
                 opened.session.prepare(poses)
             for pose in poses:
@@ -339,11 +343,11 @@ def _each(
             opened.session.close()
 
 
-def _respond(common: tuple[Any, ...], numbered: tuple[int, Sequence[_Task]]) -> list[Rir]:
-    return list(_each(*common, numbered[1]))
+def _respond(asked: _Asked, numbered: tuple[int, Sequence[_Task]]) -> list[Rir]:
+    return list(_each(asked, numbered[1]))
 
 
-def _in_processes(common: tuple[Any, ...], tasks: list[_Task], processes: int, progress: bool) -> Iterator[Rir]:
+def _in_processes(asked: _Asked, tasks: list[_Task], processes: int, progress: bool) -> Iterator[Rir]:
     """The responses of all tasks in their order; a few chunks at a time, so that memory stays bounded."""
     chunks: list[list[_Task]] = []
     for task in tasks:
@@ -356,7 +360,7 @@ def _in_processes(common: tuple[Any, ...], tasks: list[_Task], processes: int, p
         some = list(enumerate(chunks[first : first + group], first))
         sizes = [sum(len(poses) for _, poses in chunk) for _, chunk in some]
         label = f"responses, part {first // group + 1} of {math.ceil(len(chunks) / group)}"
-        work = partial(_respond, common)
+        work = partial(_respond, asked)
         done = process_each(work, some, workers=processes, label=label, progress=progress, sizes=sizes)
         found = {number: rirs for (number, _), rirs in done}
         for number in sorted(found):

@@ -142,20 +142,19 @@ def scaled_label(label: str, scale: float) -> str:
     return spectral_label(material.scaled(scale).in_situ, material.scattering, material.transmission)
 
 
+def _spectrum(text: str) -> Spectrum:
+    a, b, c, d, e, f = (float(value) for value in text.split(","))
+    return a, b, c, d, e, f
+
+
 def material_for(label: str) -> AcousticMaterial:
     """The material of a label (case and outer blanks do not matter), or `DEFAULT_MATERIAL`."""
     key = label.strip().lower()
     found = _SPECTRAL.fullmatch(key)
     if found:
-        absorption, scattering, *more = (tuple(float(v) for v in six.split(",")) for six in found.groups() if six)
-        return AcousticMaterial(
-            key,
-            absorption,
-            scattering,
-            "given coefficients",
-            residual=0.0,
-            transmission=more[0] if more else None,  # type: ignore[arg-type]
-        )
+        spectra = [_spectrum(six) for six in found.groups() if six]
+        passing = spectra[2] if len(spectra) > 2 else None
+        return AcousticMaterial(key, spectra[0], spectra[1], "given coefficients", residual=0.0, transmission=passing)
     return MATERIALS.get(key, DEFAULT_MATERIAL)
 
 

@@ -35,7 +35,8 @@ def named_faces(
         path = Path(mesh)
         title, mesh = path.name, _load(path)
     if isinstance(mesh, trimesh.Trimesh):
-        mesh = trimesh.Scene({Path(title).stem: mesh})
+        named: dict[str, Any] = {Path(title).stem: mesh}
+        mesh = trimesh.Scene(named)
     if not isinstance(mesh, trimesh.Scene):
         raise UsageError(f"Room.from_mesh: got {type(mesh).__name__}, expected a path, a trimesh.Trimesh or Scene")
     if isinstance(labels, Mapping):

@@ -241,15 +241,12 @@ def _early(session: ArrivalSession, receiver: Receiver, signal: F64, way: _Way, 
     out = np.zeros((receiver.channels, way.count))
     hops = _hops(way, knots)
     responses: list[NDArray[np.float32]] = []
-    pending = 0
     for number, arrivals in enumerate(_early_arrivals(images, way, knots, hops / way.sample_rate)):
         rotation = way.listener.pose_at(hops[number] / way.sample_rate).rotation_matrix
         responses.append(receiver.response(arrivals, rotation, way.sample_rate))
         if number > 0:
             _add_between(out, signal, responses, (int(hops[number - 1]), int(hops[number])))
             responses.pop(0)
-        pending = number
-    assert pending == len(hops) - 1
     return out
 
 
@@ -257,7 +254,7 @@ def _joint_knots(way: _Way, step: float) -> F64:
     """Times at which images are looked for: neither end has moved by more than ``step`` since the last one."""
     both = np.concatenate([way.source.knots(way.seconds, step), way.listener.knots(way.seconds, step)])
     knots = np.unique(np.concatenate([both, [0.0, way.seconds]]))
-    return knots[np.concatenate([[True], np.diff(knots) > 1e-6])]
+    return np.asarray(knots[np.concatenate([[True], np.diff(knots) > 1e-6])])
 
 
 def _hops(way: _Way, knots: F64) -> NDArray[np.int64]:
@@ -315,7 +312,7 @@ def _followed(session: ArrivalSession, way: _Way, knots: F64) -> list[_Image]:
     return images
 
 
-def _matched(alive: list[_Image], at: F64, level: F64, moved: float) -> dict[int, _Image]:
+def _matched(alive: list[_Image], at: F64, level: NDArray[np.floating], moved: float) -> dict[int, _Image]:
     """Number of an arrival → the image of the knot before that it goes on; each at most once."""
     if not alive or not len(at):
         return {}

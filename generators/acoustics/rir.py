@@ -172,7 +172,7 @@ class Rir:
 
     def _save_sofa(self, path: Path) -> None:
         """AES69: cartesian metres, X forward, Y left, Z up; the listener looks along +X of its own axes."""
-        with needing("SOFA files", "pip install 'avs3d-bench[sofa]'"):
+        with needing("Rir.save as a SOFA file", "pip install sofar"):
             import sofar
         turn = self.listener.rotation_matrix
         file = sofar.Sofa("SingleRoomMIMOSRIR")

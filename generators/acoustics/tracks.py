@@ -75,7 +75,7 @@ class Track:
         along = np.concatenate([[0.0], np.cumsum(way)])
         count = max(int(np.ceil(along[-1])), 1)
         keep = np.concatenate([[True], np.diff(along) > 0])
-        return np.interp(np.linspace(0.0, along[-1], count + 1), along[keep], times[keep])
+        return np.asarray(np.interp(np.linspace(0.0, along[-1], count + 1), along[keep], times[keep]))
 
 
 def as_pose(value: Any, what: str = "listener") -> Pose:

@@ -288,7 +288,7 @@ def test_responses_are_saved_and_drawn(tmp_path: Path, traced: acoustics.Rir) ->
 
 
 def test_sofa_files_hold_the_response(tmp_path: Path, traced: acoustics.Rir) -> None:
-    sofar = pytest.importorskip("sofar", reason="SOFA files are written by sofar, of the [sofa] extra")
+    sofar = pytest.importorskip("sofar", reason="SOFA files are written by sofar")
     file = sofar.read_sofa(str(traced.save(tmp_path / "a.sofa")))
     assert file.GLOBAL_SOFAConventions == "SingleRoomMIMOSRIR"
     np.testing.assert_allclose(np.squeeze(file.Data_IR), traced.samples[0])

@@ -8,7 +8,7 @@ small beside the distances to sources and walls.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -51,11 +51,12 @@ class Array:
         if isinstance(source, str | Path):
             record: ArrayRecord = import_by_name("generators.acoustics.tracer.receivers.array_file:read_array")(source)
             source = record
-        if hasattr(source, "microphones"):
-            self.positions = np.array([one.position for one in source.microphones])
-            self.channel_names: tuple[str, ...] = source.channel_names
+        listed: Any = source  # a record: pydantic, which makes it, is imported by those who have one
+        if hasattr(listed, "microphones"):
+            self.positions = np.array([one.position for one in listed.microphones])
+            self.channel_names: tuple[str, ...] = listed.channel_names
             return
-        self.positions = _checked_positions(source)
+        self.positions = _checked_positions(listed)
         self.channel_names = tuple(f"mic_{number}" for number in range(1, len(self.positions) + 1))
 
     @property
