@@ -28,7 +28,7 @@ from generators.acoustics.clips import MovingSource, delayed, heard_from, levell
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.hrtf import HEAD_RADIUS
 from generators.acoustics.tracer.arrivals import BANDS, Arrivals
-from generators.acoustics.tracks import Track
+from generators.acoustics.tracks import PoseTrack
 
 if TYPE_CHECKING:
     from generators.acoustics.tracer.receivers.base import Receiver
@@ -52,8 +52,8 @@ def render(
     session: AcousticSession,
     receiver: Receiver | None,
     signal: F64,
-    source: Track,
-    listener: Track,
+    source: PoseTrack,
+    listener: PoseTrack,
     steps: tuple[float, float],
 ) -> NDArray[np.float32]:
     """See `generators.acoustics.engines.Engine.render`.
@@ -88,8 +88,8 @@ class _Way:
 
     sample_rate: int
     count: int
-    source: Track
-    listener: Track
+    source: PoseTrack
+    listener: PoseTrack
 
     @property
     def seconds(self) -> float:
@@ -272,7 +272,7 @@ def _hops(way: _Way, knots: F64) -> NDArray[np.int64]:
     return np.unique(np.array(hops, dtype=np.int64))
 
 
-def _turned(track: Track, start: float, end: float) -> float:
+def _turned(track: PoseTrack, start: float, end: float) -> float:
     """Angle (radians) by which the listener turns."""
     if not track.turns:
         return 0.0

@@ -18,7 +18,7 @@ _EXPECTED = "expected (x, y, z) in metres, a Pose, or a path [(seconds, point or
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
+class PoseTrack:
     """Positions and rotations at some times; between them positions are linear and rotations the shortest turn.
 
     Attributes:
@@ -105,7 +105,7 @@ def is_path(value: Any) -> bool:
     return all(isinstance(entry, Sequence) and len(entry) == 2 and not isinstance(entry, str) for entry in value)
 
 
-def as_track(value: Any, what: str) -> Track:
+def as_track(value: Any, what: str) -> PoseTrack:
     """A point, a pose or a path as a track.
 
     Raises:
@@ -113,7 +113,7 @@ def as_track(value: Any, what: str) -> Track:
     """
     if not is_path(value):
         pose = as_pose(value, what)
-        return Track(np.zeros(1), np.array([pose.position]), np.array([pose.rotation]))
+        return PoseTrack(np.zeros(1), np.array([pose.position]), np.array([pose.rotation]))
     poses = [as_pose(entry[1], f"{what}, entry {number} of its path") for number, entry in enumerate(value)]
     try:
         times = np.array([float(entry[0]) for entry in value])
@@ -122,4 +122,4 @@ def as_track(value: Any, what: str) -> Track:
     if not np.isfinite(times).all() or (np.diff(times) <= 0).any():
         raise UsageError(f"{what}: the times of its path must be finite and ascend, found {excerpt(times.tolist())}")
     rotations = np.array([pose.rotation for pose in poses])
-    return Track(times, np.array([pose.position for pose in poses]), rotations)
+    return PoseTrack(times, np.array([pose.position for pose in poses]), rotations)
