@@ -125,11 +125,10 @@ class Directivity:
             Avs3dError: one line, if h5py is missing, or the file is missing, no SOFA file, of another convention, or
                 has numbers that are not finite, or directions with holes.
         """
-        from generators.acoustics.sofafile import read_directivity
+        from generators.acoustics.measured_directivity import read_directivity
 
-        measured = read_directivity(path)
-        azimuths, elevations, amplitudes = measured.on_grid()
-        return cls.table(amplitudes, azimuths, elevations, BANDS, name=measured.name)
+        grid = read_directivity(path)
+        return cls.table(grid.amplitudes, grid.azimuths, grid.elevations, BANDS, name=grid.name)
 
     def amplitudes(self, directions: ArrayLike) -> F64:
         """(n, 8) amplitude factors in the octaves of `BANDS` for vectors (n, 3) in the source's frame, of any length.
