@@ -26,14 +26,13 @@ from numpy.typing import ArrayLike, NDArray
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose, times_matrix
 from generators.acoustics.tracer.arrivals import BANDS
+from generators.core.limits import MOST_ORDER
 from generators.core.low_discrepancy import fibonacci_directions
 
 F64 = NDArray[np.float64]
 #: Amplitudes (n, 8) of a source at its place for directions (n, 3) in the world; None: 1 in all directions.
 Emission = Callable[[F64], F64] | None
 
-#: Highest order of a cardioid: 32 dB quieter at 60° than on its axis.
-MOST_ORDER = 16
 #: Octaves that every table has: those of the materials; without the outer two, these repeat the nearest.
 _NEEDED = BANDS[1:-1]
 #: Largest gap between neighbouring azimuths of a table, and between a pole and its nearest elevation (degrees).
@@ -42,7 +41,6 @@ _WIDEST_GAP = 90.0
 _LEAST_ON_AXIS = 1e-3
 #: Directions over which the mean power is taken.
 _DIRECTIONS = 20_000
-_FRONT = np.array([[0.0, 0.0, 1.0]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +93,10 @@ class Directivity:
         elevations: ArrayLike,
         frequencies: Sequence[float] = _NEEDED,
         *,
+        axis: Sequence[float] = (0.0, 0.0, 1.0),
         name: str = "table",
     ) -> Directivity:
-        """A table of amplitudes, linear between its directions; divided by its value to the front in every octave.
+        """A table of amplitudes, linear between its directions; divided by its value on the axis in every octave.
 
         Beyond the highest and the lowest elevation it goes on to its mean over all azimuths at the pole.
 
@@ -106,13 +105,20 @@ class Directivity:
             azimuths: degrees, increasing, all round: without a gap of more than 90°.
             elevations: degrees, increasing, without a gap of more than 90°, also to both poles.
             frequencies: centres of the octaves (Hz), increasing: 125 to 4000, and 63 and 8000 if they are known.
+            axis: direction of 0 dB in the source's frame, of any length.
             name: for records.
 
         Raises:
             Avs3dError: if an octave is missing, the table is empty or has holes, a shape does not fit, a number is not
-                finite, or there is no sound to the front.
+                finite, or there is no sound on the axis.
         """
-        return cls(name, _Table.of(amplitudes, azimuths, elevations, frequencies, name))
+        where = f"directivity {name}"
+        table = _Table.of(amplitudes, azimuths, elevations, frequencies, where)
+        loudest = np.abs(table.values).max(axis=(0, 1))
+        level = table(_unit(axis)[None])[0]
+        if (np.abs(level) <= _LEAST_ON_AXIS * loudest).any():
+            raise Avs3dError(f"{where}: all but silent on its axis {tuple(axis)}, expected sound; name another axis")
+        return cls(name, _Table(table.azimuths, table.elevations, table.values / level))
 
     @classmethod
     def sofa(cls, path: str | Path) -> Directivity:
@@ -198,9 +204,8 @@ class _Table:
 
     @classmethod
     def of(
-        cls, amplitudes: ArrayLike, azimuths: ArrayLike, elevations: ArrayLike, frequencies: Sequence[float], name: str
+        cls, amplitudes: ArrayLike, azimuths: ArrayLike, elevations: ArrayLike, frequencies: Sequence[float], where: str
     ) -> _Table:
-        where = f"directivity {name}"
         turn, tilt = (np.asarray(angles, dtype=np.float64).reshape(-1) for angles in (azimuths, elevations))
         values = np.asarray(amplitudes, dtype=np.float64)
         expected = (len(frequencies), len(turn), len(tilt))
@@ -221,11 +226,7 @@ class _Table:
                 mean = np.broadcast_to(octaves[:-1, [end]].mean(axis=0), octaves[:, [end]].shape)
                 octaves = np.concatenate([mean, octaves] if end == 0 else [octaves, mean], axis=1)
                 tilt = np.insert(tilt, 0 if end == 0 else len(tilt), pole)
-        table = cls(turn, tilt, octaves)
-        front = table(_FRONT)[0]
-        if (np.abs(front) <= _LEAST_ON_AXIS * np.abs(octaves).max(axis=(0, 1))).any():
-            raise Avs3dError(f"{where}: all but silent to its front (azimuth and elevation 0°), expected sound")
-        return cls(turn, tilt, octaves / front)
+        return cls(turn, tilt, octaves)
 
     def __call__(self, directions: F64) -> F64:
         from scipy.interpolate import RegularGridInterpolator

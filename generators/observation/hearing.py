@@ -21,6 +21,7 @@ from avs3d_bench.runtime.ahead import continue_in_fork
 from generators.acoustics.base import AcousticBackend, AcousticSession, BatchSession, ReceiverSession
 from generators.acoustics.clips import STEP_SECONDS, binaural_clip, joined, moving_clip, receiver_clip
 from generators.acoustics.direct import DirectPath
+from generators.acoustics.directivity import Directivity
 from generators.backends import acoustic_backend
 from generators.core.scene import Scene
 from generators.observation.stems import Clip, direct_to_reverberant
@@ -38,8 +39,6 @@ HEAD = "head"
 _POSES_OF_A_PLACE = 3
 #: Poses that all sessions together compute at a time; their arrivals are in memory, about 1 MB each.
 _TOGETHER = 128
-
-Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,8 +98,9 @@ class AcousticJob:
         room: where the source is.
         samples: (n,) float32, what the source plays from `PRE_ROLL` seconds before the first frame on.
         poses: of the listener at the beginning of each second.
-        path: position of a source that moves at the beginning of each second and at the end, len(poses) + 1; the one
-            position of a source that stands still.
+        path: pose of a source that moves at the beginning of each second and at the end, len(poses) + 1; the one pose
+            of a source that stands still.
+        directivity: of the source in its own frame; None: alike in all directions.
         measures_direct: whether the level of the direct sound is measured.
     """
 
@@ -111,7 +111,8 @@ class AcousticJob:
     room: str
     samples: NDArray[np.float32]
     poses: tuple[Pose, ...]
-    path: tuple[Vector, ...]
+    path: tuple[Pose, ...]
+    directivity: Directivity | None = None
     measures_direct: bool = False
 
     def engine(self) -> AcousticBackend:
@@ -120,7 +121,13 @@ class AcousticJob:
 
     def open(self, together: int) -> AcousticSession:
         """A session of the engine; ``together``: number of poses that it may compute at a time."""
-        session = self.engine().open(self.scene, self.path[0], room=self.room, sample_rate=layout.SAMPLE_RATE)
+        session = self.engine().open(
+            self.scene,
+            self.path[0],
+            room=self.room,
+            sample_rate=layout.SAMPLE_RATE,
+            directivity=self.directivity,
+        )
         if isinstance(session, BatchSession):
             session.prepare(self.poses, together)
         return session
@@ -145,7 +152,7 @@ def hear_sources(jobs: Sequence[AcousticJob], seconds: int) -> Generator[tuple[H
     try:
         for job in jobs:
             sessions.append(job.open(_POSES_OF_A_PLACE if job.moves else max(1, _TOGETHER // len(jobs))))
-        paths = [DirectPath(job.scene, job.path[0]) if job.measures_direct else None for job in jobs]
+        paths = [DirectPath(job.scene, job.path[0].position) if job.measures_direct else None for job in jobs]
         before: tuple[HeardSource, ...] = ()
         for index in range(seconds):
             heard = tuple(_hear(*one, index) for one in zip(jobs, sessions, paths, strict=True))
@@ -203,7 +210,7 @@ def _hear_moving(job: AcousticJob, session: AcousticSession, index: int) -> dict
     for place in places:
         session.move_source(place)
         found.append(responses_at(session, pose))
-    distances = [math.dist(place, pose.position) for place in places]
+    distances = [math.dist(place.position, pose.position) for place in places]
     recordings = {}
     for name in found[0]:
         responses = [one[name] for one in found]
