@@ -466,14 +466,14 @@ def make_plans(source: ManifestFile, options: GenerateOptions | None = None) -> 
     changes = {"frames": asked.frames, "size": asked.size}
     camera = manifest.camera.model_copy(update={name: value for name, value in changes.items() if value is not None})
     engines = asked.engine_options(manifest.engine(), manifest.hrtf)
-    backends = backend_versions(engines)
-    _check_variants(manifest)
-    _check_voices(manifest)
-    _check_surfaces(manifest)
     selected = select(manifest, asked.only)
     for spec in selected:
         if spec.directed:
             check_directed(engines.engine, f"{manifest.name}: {spec.key}")
+    backends = backend_versions(engines)
+    _check_variants(manifest)
+    _check_voices(manifest)
+    _check_surfaces(manifest)
     check_assets(
         source.base / LOCK_NAME,
         manifest.objects,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from avs3d_bench.contract import layout
 from avs3d_bench.geometry import Pose
 from avs3d_bench.runtime.ahead import continue_in_fork
-from generators.acoustics.base import AcousticBackend, AcousticSession, BatchSession, ReceiverSession
+from generators.acoustics.base import AcousticBackend, AcousticSession, BatchSession, Place, ReceiverSession
 from generators.acoustics.clips import STEP_SECONDS, binaural_clip, joined, moving_clip, receiver_clip
 from generators.acoustics.direct import DirectPath
 from generators.acoustics.directivity import Directivity
@@ -121,16 +121,19 @@ class AcousticJob:
 
     def open(self, together: int) -> AcousticSession:
         """A session of the engine; ``together``: number of poses that it may compute at a time."""
+        # Engines that know of no directivity are asked without one.
+        directed = {} if self.directivity is None else {"directivity": self.directivity}
         session = self.engine().open(
-            self.scene,
-            self.path[0],
-            room=self.room,
-            sample_rate=layout.SAMPLE_RATE,
-            directivity=self.directivity,
+            self.scene, self.place(0), room=self.room, sample_rate=layout.SAMPLE_RATE, **directed
         )
         if isinstance(session, BatchSession):
             session.prepare(self.poses, together)
         return session
+
+    def place(self, second: int) -> Place:
+        """Where the source is at the beginning of a second; how it is turned, if that can be heard."""
+        pose = self.path[second]
+        return pose.position if self.directivity is None else pose
 
     @property
     def moves(self) -> bool:
@@ -205,12 +208,12 @@ def _hear_moving(job: AcousticJob, session: AcousticSession, index: int) -> dict
     """The same of a source that moves: it is heard from where it was when the sound left it."""
     pose = job.poses[index]
     # Before the first frame the source stands where it begins.
-    places = [job.path[second] for second in range(max(index - 1, 0), index + 2)]
+    seconds = range(max(index - 1, 0), index + 2)
     found: list[dict[str, NDArray[np.float32]]] = []
-    for place in places:
-        session.move_source(place)
+    for second in seconds:
+        session.move_source(job.place(second))
         found.append(responses_at(session, pose))
-    distances = [math.dist(place.position, pose.position) for place in places]
+    distances = [math.dist(job.path[second].position, pose.position) for second in seconds]
     recordings = {}
     for name in found[0]:
         responses = [one[name] for one in found]
