@@ -135,7 +135,7 @@ def describe_directivity(source: SoundSource) -> DirectivityRecord | None:
     terms = source.directivity_licence
     return DirectivityRecord(
         name=source.directivity.name,
-        index_db={str(band): round(value, 2) for band, value in source.directivity.index().items()},
+        index_db={band: round(value, 2) for band, value in source.directivity.index().items()},
         licence=None if terms is None else describe_licence(terms),
     )
 

@@ -97,7 +97,7 @@ class DirectivityRecord(Record):
     left_out: ClassVar[frozenset[str]] = frozenset({"licence"})
 
     name: Text = Field(description="what it is: a cardioid with its axis, the model of a category, a file's title")
-    index_db: dict[str, float] = Field(
+    index_db: dict[int, float] = Field(
         description="octave (Hz) → directivity index: level on the axis above that of a point source of the same power"
     )
     licence: LicenceRecord | None = Field(default=None, description="of the file that it is from, if it is from one")
