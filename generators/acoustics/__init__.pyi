@@ -1,5 +1,6 @@
 # The public names of generators.acoustics: type checkers read them here, lazy_loader imports them on first use.
 from . import habitat as habitat
+from .directivity import Directivity as Directivity
 from .engines import Analytic as Analytic
 from .engines import Engine as Engine
 from .engines import SoundSpaces as SoundSpaces

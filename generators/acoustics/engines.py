@@ -19,12 +19,14 @@ from numpy.typing import ArrayLike, NDArray
 from avs3d_bench.errors import UsageError, excerpt
 from avs3d_bench.geometry import Pose
 from avs3d_bench.runtime.parallel import process_each
-from generators.acoustics.base import AcousticBackend, AcousticSession, ArrivalSession, BatchSession
+from generators.acoustics.base import AcousticBackend, AcousticSession, ArrivalSession, BatchSession, Place
 from generators.acoustics.rir import Rir
 from generators.acoustics.rooms import Room
 from generators.acoustics.tracks import as_pose, as_track
 
 if TYPE_CHECKING:
+    from avs3d_bench.contract.schema import Scalar
+    from generators.acoustics.directivity import Directivity
     from generators.acoustics.soundspaces import RaySettings
     from generators.acoustics.tracer.receivers.base import Receiver
     from generators.acoustics.tracer.settings import TraceSettings
@@ -50,11 +52,11 @@ class Engine(ABC):
     _step, _turn = 0.05, math.radians(5)
 
     @abstractmethod
-    def backend(self, receiver: Receiver | None = None, directivity: Any = None) -> AcousticBackend:
+    def backend(self, receiver: Receiver | None = None) -> AcousticBackend:
         """The backend of the generator that makes the responses.
 
         Raises:
-            UsageError: if the engine has no such receiver, or no directional sources.
+            UsageError: if the engine has no such receiver.
         """
 
     def response(
@@ -63,7 +65,7 @@ class Engine(ABC):
         source: ArrayLike | Pose,
         listener: ArrayLike | Pose,
         receiver: Receiver | None = None,
-        directivity: Any = None,
+        directivity: Directivity | None = None,
         sample_rate: int = 44_100,
     ) -> Rir:
         """The impulse response of a room.
@@ -73,7 +75,8 @@ class Engine(ABC):
             source: point, or the pose of a directional source.
             listener: point or pose.
             receiver: what hears it; None: the engine's own head.
-            directivity: of the source; None: the same in all directions.
+            directivity: of the source, see `Directivity`; None: the same in all directions. The front of a source given
+                as a point is +Z.
             sample_rate: 8000 to 192000 Hz; SoundSpaces has fewer.
 
         Raises:
@@ -100,7 +103,7 @@ class Engine(ABC):
         listeners: Iterable[ArrayLike | Pose],
         *,
         receiver: Receiver | None = None,
-        directivity: Any = None,
+        directivity: Directivity | None = None,
         sample_rate: int = 44_100,
         processes: int = 1,
         progress: bool = False,
@@ -142,7 +145,7 @@ class Engine(ABC):
         source: Any,
         listener: Any,
         receiver: Receiver | None = None,
-        directivity: Any = None,
+        directivity: Directivity | None = None,
         sample_rate: int = 44_100,
     ) -> NDArray[np.float32]:
         """A signal as it is heard in a room, by receivers and from sources that may move and turn.
@@ -165,13 +168,14 @@ class Engine(ABC):
         Raises:
             Avs3dError: as `response`, and for a signal or a path that is not finite or of another form.
         """
-        from generators.acoustics.moving import render
+        from generators.acoustics.moving import Way, render
 
         samples = _checked_signal(signal)
         tracks = as_track(source, "source"), as_track(listener, "listener")
         with _Opened(_Asked(self, room, receiver, directivity, sample_rate), tracks[0].pose_at(0.0)) as opened:
             heard = opened.receiver if isinstance(opened.session, ArrivalSession) else None
-            return render(opened.session, heard, samples, *tracks, (self._step, self._turn))
+            way = Way(opened.session.sample_rate, len(samples), *tracks, directivity is not None)
+            return render(opened.session, heard, samples, way, (self._step, self._turn))
 
 
 class Tracer(Engine):
@@ -197,12 +201,11 @@ class Tracer(Engine):
         self.seed, self.device, self.settings, self.threads = seed, device, settings, threads
         self.backend()  # checks the arguments
 
-    def backend(self, receiver: Receiver | None = None, directivity: Any = None) -> AcousticBackend:
+    def backend(self, receiver: Receiver | None = None) -> AcousticBackend:
         """See `Engine.backend`."""
         from generators.acoustics.tracer.backend import TracerBackend
 
-        more = {} if directivity is None else {"directivity": directivity}
-        return TracerBackend(receiver, self.settings, device=self.device, seed=self.seed, threads=self.threads, **more)
+        return TracerBackend(receiver, self.settings, device=self.device, seed=self.seed, threads=self.threads)
 
 
 class Analytic(Engine):
@@ -225,11 +228,11 @@ class Analytic(Engine):
         self.seed, self.images, self.tail = seed, images, tail
         self.backend()
 
-    def backend(self, receiver: Receiver | None = None, directivity: Any = None) -> AcousticBackend:
+    def backend(self, receiver: Receiver | None = None) -> AcousticBackend:
         """See `Engine.backend`."""
         from generators.acoustics.analytic import AnalyticBackend
 
-        _refuse("Analytic", directivity, None if _is_usual_head(receiver) else receiver)
+        _refuse("Analytic", None if _is_usual_head(receiver) else receiver)
         return AnalyticBackend(images=self.images, tail=self.tail, seed=self.seed)
 
 
@@ -251,12 +254,12 @@ class SoundSpaces(Engine):
         self.settings = settings
         self.backend()
 
-    def backend(self, receiver: Receiver | None = None, directivity: Any = None) -> AcousticBackend:
+    def backend(self, receiver: Receiver | None = None) -> AcousticBackend:
         """See `Engine.backend`."""
         from generators.acoustics.soundspaces import SoundSpacesBackend
 
         omni = type(receiver).__name__ == "Omni"
-        _refuse("SoundSpaces", directivity, None if omni else receiver)
+        _refuse("SoundSpaces", None if omni else receiver)
         return SoundSpacesBackend(self.settings, omni=omni)
 
 
@@ -267,7 +270,7 @@ class _Asked:
     engine: Engine
     room: Room
     receiver: Receiver | None
-    directivity: Any
+    directivity: Directivity | None
     sample_rate: int
 
     def check(self) -> None:
@@ -280,6 +283,8 @@ class _Asked:
             raise UsageError(f"room: got {excerpt(self.room)}, expected Room.shoebox(…) or Room.from_mesh(…)")
         if isinstance(self.engine, Analytic) and not len(self.room.triangles):
             raise UsageError("Analytic has no free field: it needs a room with walls; use Tracer")
+        if self.directivity is not None and isinstance(self.engine, SoundSpaces):
+            raise UsageError("SoundSpaces has no directional sources; use Tracer or Analytic")
         if isinstance(self.sample_rate, bool) or not isinstance(self.sample_rate, int | np.integer):
             raise UsageError(f"sample_rate is {excerpt(self.sample_rate)}, expected a whole number of Hz")
 
@@ -290,11 +295,18 @@ class _Opened:
     def __init__(self, asked: _Asked, source: Any) -> None:
         asked.check()
         self.source = as_pose(source, "source")
-        self._room, self._backend = asked.room, asked.engine.backend(asked.receiver, asked.directivity)
+        self._asked, self._backend = asked, asked.engine.backend(asked.receiver)
         self.receiver: Receiver | None = getattr(self._backend, "receiver", asked.receiver)
+        # Engines that know of no directivity are not asked for one.
+        more: dict[str, Any] = {} if asked.directivity is None else {"directivity": asked.directivity}
         self.session: AcousticSession = self._backend.open(
-            self._room.scene, self.source.position, room=self._room.box_name, sample_rate=int(asked.sample_rate)
+            asked.room.scene, self._place, room=asked.room.box_name, sample_rate=int(asked.sample_rate), **more
         )
+
+    @property
+    def _place(self) -> Place:
+        """The pose of a directional source, else its position."""
+        return self.source.position if self._asked.directivity is None else self.source
 
     def __enter__(self) -> _Opened:
         return self
@@ -304,8 +316,8 @@ class _Opened:
 
     def move_source(self, source: Pose) -> None:
         """Put the source elsewhere for the responses that follow."""
-        self.session.move_source(source.position)
         self.source = source
+        self.session.move_source(self._place)
 
     def rir(self, pose: Pose) -> Rir:
         """The response at a pose."""
@@ -319,8 +331,17 @@ class _Opened:
             self.source.position,
             pose,
             described,
-            {**self._backend.describe(), "room": self._room.name, "faces": len(self._room.triangles)},
+            {**self._backend.describe(), **self._described()},
         )
+
+    def _described(self) -> dict[str, Scalar]:
+        """The room and the source."""
+        room, directivity = self._asked.room, self._asked.directivity
+        found: dict[str, Scalar] = {"room": room.name, "faces": len(room.triangles)}
+        if directivity is not None:
+            rotation = " ".join(f"{value:.6g}" for value in self.source.rotation)
+            found |= {"directivity": directivity.name, "source_rotation": rotation}
+        return found
 
 
 def _each(asked: _Asked, tasks: Sequence[_Task]) -> Iterator[Rir]:
@@ -328,7 +349,7 @@ def _each(asked: _Asked, tasks: Sequence[_Task]) -> Iterator[Rir]:
     opened: _Opened | None = None
     try:
         for source, poses in tasks:
-            if opened is not None and not asked.engine._in_sequence and asked.directivity is None:
+            if opened is not None and not asked.engine._in_sequence:
                 opened.move_source(source)
             else:
                 if opened is not None:
@@ -387,9 +408,7 @@ def _is_usual_head(receiver: Receiver | None) -> bool:
     return type(receiver).__name__ == "SphericalHead" and getattr(receiver, "radius", None) == HEAD_RADIUS
 
 
-def _refuse(engine: str, directivity: Any, receiver: Receiver | None) -> None:
-    """Refuse what only the tracer has."""
-    if directivity is not None:
-        raise UsageError(f"{engine} has no directional sources; use Tracer")
+def _refuse(engine: str, receiver: Receiver | None) -> None:
+    """Refuse receivers that only the tracer has."""
     if receiver is not None:
         raise UsageError(f"{engine} has no {type(receiver).__name__}; leave the receiver out, or use Tracer")

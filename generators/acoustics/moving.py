@@ -52,8 +52,7 @@ def render(
     session: AcousticSession,
     receiver: Receiver | None,
     signal: F64,
-    source: PoseTrack,
-    listener: PoseTrack,
+    way: Way,
     steps: tuple[float, float],
 ) -> NDArray[np.float32]:
     """See `generators.acoustics.engines.Engine.render`.
@@ -62,20 +61,18 @@ def render(
         session: open, with the source where its track begins.
         receiver: of the arrivals, if the session tells them; None: it does not.
         signal: (n,).
-        source: track of the source.
-        listener: track of the listener.
-        steps: metres, and radians of the listener's turn, between two responses.
+        way: how source and listener move.
+        steps: metres, and radians of a turn, between two responses.
 
     Returns:
         (channels, n) float32.
     """
-    way = _Way(session.sample_rate, len(signal), source, listener)
-    if not (source.moves or listener.moves or listener.turns):
-        response = session.impulse_response(listener.pose_at(0.0))
+    if not (way.source_changes or way.listener.moves or way.listener.turns):
+        response = session.impulse_response(way.listener.pose_at(0.0))
         fixed = MovingSource(np.zeros(1, dtype=np.int64), np.zeros(1))
         return heard_from(signal, response, fixed, 0, (0, way.count))[1].astype(np.float32)
     if isinstance(session, ArrivalSession) and receiver is not None:
-        out = _early(session, receiver, signal, way, steps[0])
+        out = _early(session, receiver, signal, way, steps)
         rest = _Rest(session, receiver)
         coarse = (_COARSER * steps[0], _COARSER * steps[1])
         return (out + _knotted(rest, signal, way, coarse)).astype(np.float32)
@@ -83,17 +80,41 @@ def render(
 
 
 @dataclass(frozen=True, eq=False)
-class _Way:
-    """Both tracks, and the length of the signal."""
+class Way:
+    """How source and listener move.
+
+    Attributes:
+        sample_rate: Hz.
+        count: samples of the signal.
+        source: track of the source.
+        listener: track of the listener.
+        is_directional: whether the source has a directivity, so that its turns are heard.
+    """
 
     sample_rate: int
     count: int
     source: PoseTrack
     listener: PoseTrack
+    is_directional: bool = False
 
     @property
     def seconds(self) -> float:
+        """Length of the signal, s."""
         return self.count / self.sample_rate
+
+    @property
+    def source_changes(self) -> bool:
+        """Whether responses of the source change with time."""
+        return self.source.moves or (self.is_directional and self.source.turns)
+
+    def source_knots(self, steps: tuple[float, float]) -> F64:
+        """Times at which the source is put elsewhere, or turned."""
+        return self.source.knots(self.seconds, steps[0], steps[1] if self.is_directional else None)
+
+    def put_source(self, session: AcousticSession, seconds: float) -> None:
+        """Put the source of a session where it is at a time."""
+        pose = self.source.pose_at(seconds)
+        session.move_source(pose if self.is_directional else pose.position)
 
 
 class _Whole:
@@ -104,7 +125,7 @@ class _Whole:
     def __init__(self, session: AcousticSession) -> None:
         self.session = session
 
-    def response(self, way: _Way, seconds: float) -> NDArray[np.float32]:
+    def response(self, way: Way, seconds: float) -> NDArray[np.float32]:
         """Response at the listener's pose at a time, from where the source is put."""
         return self.session.impulse_response(way.listener.pose_at(seconds))
 
@@ -117,7 +138,7 @@ class _Rest:
     def __init__(self, session: ArrivalSession, receiver: Receiver) -> None:
         self.session, self._receiver = session, receiver
 
-    def response(self, way: _Way, seconds: float) -> NDArray[np.float32]:
+    def response(self, way: Way, seconds: float) -> NDArray[np.float32]:
         """Response at the listener's pose at a time, from where the source is put."""
         pose = way.listener.pose_at(seconds)
         found = self.session.arrivals(pose)
@@ -126,10 +147,10 @@ class _Rest:
         return self._receiver.response(late, pose.rotation_matrix, way.sample_rate)
 
 
-def _knotted(heard: _Whole | _Rest, signal: F64, way: _Way, steps: tuple[float, float]) -> F64:
+def _knotted(heard: _Whole | _Rest, signal: F64, way: Way, steps: tuple[float, float]) -> F64:
     """(channels, n) the sound through responses at knots of both tracks."""
     rate, count = way.sample_rate, way.count
-    sources = way.source.knots(way.seconds, steps[0])
+    sources = way.source_knots(steps)
     listeners = way.listener.knots(way.seconds, *steps)
     at = np.rint(sources * rate).astype(np.int64)
     ends = np.rint(listeners * rate).astype(np.int64)
@@ -140,9 +161,9 @@ def _knotted(heard: _Whole | _Rest, signal: F64, way: _Way, steps: tuple[float, 
     correlation = _correlation(heard, way, (sources, listeners), lags)
     out = np.zeros((0, count))
     reach = 0  # samples of the longest response so far
-    for k, place in enumerate(places):
+    for k, seconds in enumerate(sources):
         session = heard.session
-        session.move_source((float(place[0]), float(place[1]), float(place[2])))
+        way.put_source(session, float(seconds))
         mine = [m for m in range(len(ends)) if _meets(at, k, ends, m, reach, count)]
         if isinstance(session, BatchSession):
             session.prepare([way.listener.pose_at(float(listeners[m])) for m in mine])
@@ -177,7 +198,7 @@ def _at_listener(
     sound: F64,
     n: NDArray[np.int64],
     heard: _Whole | _Rest,
-    way: _Way,
+    way: Way,
     m: int,
     ears: F64,
     ends: NDArray[np.int64],
@@ -194,13 +215,12 @@ def _at_listener(
     return np.stack([window * delayed(channel, lag, 0) for channel in sound])
 
 
-def _correlation(heard: _Rest | _Whole, way: _Way, knots: tuple[F64, F64], lags: F64) -> float:
+def _correlation(heard: _Rest | _Whole, way: Way, knots: tuple[F64, F64], lags: F64) -> float:
     """Correlation of the responses at the first two knots, 0 to 1; of whole responses with direct sounds aligned."""
     second = tuple(min(1, len(times) - 1) for times in knots)
     found = []
     for k, m in ((0, 0), second):
-        x, y, z = way.source.position_at(knots[0][k : k + 1])[0]
-        heard.session.move_source((float(x), float(y), float(z)))
+        way.put_source(heard.session, float(knots[0][k]))
         found.append(heard.response(way, float(knots[1][m])).astype(np.float64))
     if heard.aligns:
         shift = float(lags[second] - lags[0, 0])
@@ -234,9 +254,9 @@ class _Image:
         self.last = self.first
 
 
-def _early(session: ArrivalSession, receiver: Receiver, signal: F64, way: _Way, step: float) -> F64:
+def _early(session: ArrivalSession, receiver: Receiver, signal: F64, way: Way, steps: tuple[float, float]) -> F64:
     """(channels, n) the direct sound and the specular reflections."""
-    knots = _joint_knots(way, step)
+    knots = _joint_knots(way, steps)
     images = _followed(session, way, knots)
     out = np.zeros((receiver.channels, way.count))
     hops = _hops(way, knots)
@@ -250,14 +270,14 @@ def _early(session: ArrivalSession, receiver: Receiver, signal: F64, way: _Way, 
     return out
 
 
-def _joint_knots(way: _Way, step: float) -> F64:
-    """Times at which images are looked for: neither end has moved by more than ``step`` since the last one."""
-    both = np.concatenate([way.source.knots(way.seconds, step), way.listener.knots(way.seconds, step)])
+def _joint_knots(way: Way, steps: tuple[float, float]) -> F64:
+    """Times at which images are looked for: neither end has moved by more than a step since the last one."""
+    both = np.concatenate([way.source_knots(steps), way.listener.knots(way.seconds, steps[0])])
     knots = np.unique(np.concatenate([both, [0.0, way.seconds]]))
     return np.asarray(knots[np.concatenate([[True], np.diff(knots) > 1e-6])])
 
 
-def _hops(way: _Way, knots: F64) -> NDArray[np.int64]:
+def _hops(way: Way, knots: F64) -> NDArray[np.int64]:
     """Samples at which filters are renewed."""
     hops = [0]
     for start, end in pairwise(knots):
@@ -280,7 +300,7 @@ def _turned(track: PoseTrack, start: float, end: float) -> float:
     return float(2 * np.arccos(min(abs(float((a * b).sum())), 1.0)))
 
 
-def _followed(session: ArrivalSession, way: _Way, knots: F64) -> list[_Image]:
+def _followed(session: ArrivalSession, way: Way, knots: F64) -> list[_Image]:
     """The images of the source at all knots, those of one mirror joined.
 
     A reflection moves an image by as much as the source moves: that tells the same image at the next knot.
@@ -290,7 +310,7 @@ def _followed(session: ArrivalSession, way: _Way, knots: F64) -> list[_Image]:
     places = way.source.position_at(knots)
     for k, seconds in enumerate(knots):
         pose = way.listener.pose_at(float(seconds))
-        session.move_source((float(places[k, 0]), float(places[k, 1]), float(places[k, 2])))
+        way.put_source(session, float(seconds))
         found = session.early(pose)
         distance = found.time * SPEED_OF_SOUND
         at = np.asarray(pose.position) + found.direction * distance[:, None]
@@ -335,7 +355,7 @@ def _matched(alive: list[_Image], at: F64, level: NDArray[np.floating], moved: f
     return found
 
 
-def _early_arrivals(images: list[_Image], way: _Way, knots: F64, times: F64) -> Iterator[Arrivals]:
+def _early_arrivals(images: list[_Image], way: Way, knots: F64, times: F64) -> Iterator[Arrivals]:
     """The early arrivals at each of ``times``; images that begin or end between two knots fade."""
     ears = way.listener.position_at(times)
     count = len(times)

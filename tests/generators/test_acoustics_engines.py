@@ -250,11 +250,31 @@ def test_what_an_engine_lacks_is_said(room: acoustics.Room) -> None:
             acoustics.Analytic().response(room, SOURCE, LISTENER, receiver)
     with pytest.raises(Avs3dError, match="Analytic has no free field"):
         acoustics.Analytic().response(acoustics.Room.free_field(), SOURCE, LISTENER)
-    with pytest.raises(Avs3dError, match="Analytic has no directional sources"):
-        acoustics.Analytic().response(room, SOURCE, LISTENER, directivity=object())
     for positions in ([(0, 0)], [], [(0, 0, 2)], [(0, 0, np.nan)], "front"):
         with pytest.raises(Avs3dError):
             acoustics.Array(positions)
+
+
+@pytest.mark.parametrize("engine", ["tracer", "analytic"])
+def test_a_directional_source_is_quieter_behind(engine: str, room: acoustics.Room, tracer: acoustics.Tracer) -> None:
+    """A cardioid with the listener in front (0 dB), beside (−6 dB) and behind (silence), before all reflections."""
+    made = tracer if engine == "tracer" else acoustics.Analytic()
+    beside = Pose.from_yaw(SOURCE, 0.0)  # faces +Z; the listener is along +X
+    levels = []
+    for source in (Pose.from_yaw(SOURCE, np.pi / 2), beside, Pose.from_yaw(SOURCE, -np.pi / 2)):
+        listener = (4.0, SOURCE[1], SOURCE[2])
+        rir = made.response(room, source, listener, directivity=acoustics.Directivity.cardioid(), sample_rate=RATE)
+        direct = rir.samples[:, : round((rir.distance / SPEED_OF_SOUND + 0.0018) * RATE)]
+        levels.append(10 * np.log10(np.square(direct).sum()))
+    assert rir.provenance["directivity"] == acoustics.Directivity.cardioid().name
+    assert levels[0] - levels[1] == pytest.approx(6.0, abs=0.5)
+    assert levels[0] - levels[2] > 20
+    many = list(
+        made.responses(
+            room, [SOURCE, beside], [LISTENER], directivity=acoustics.Directivity.cardioid(), sample_rate=RATE
+        )
+    )
+    np.testing.assert_array_equal(many[0].samples, many[1].samples)
 
 
 def test_the_radius_of_a_head_scales_its_interaural_delay(tracer: acoustics.Tracer) -> None:

@@ -166,6 +166,21 @@ def test_a_listener_who_turns_hears_the_source_change_ears() -> None:
     assert (level[4:7] > 2).all()
 
 
+def test_a_directional_source_that_turns_fades() -> None:
+    """From its front almost to its back in half a second: (1 + cos θ)/2 at every moment."""
+    rate, listener = 16_000, (0.0, 0.0, 1.0)
+    signal = np.random.default_rng(0).standard_normal(rate // 2)
+    turn = [(0.1 * k, Pose.from_yaw((0, 0, 0), 0.9 * np.pi * k / 5)) for k in range(6)]
+    cardioid, free = acoustics.Directivity.cardioid(), acoustics.Room.free_field()
+    heard, plain = (
+        acoustics.Tracer().render(free, signal, source, listener, acoustics.Omni(), shape, rate)[0].reshape(10, -1)
+        for source, shape in ((turn, cardioid), ((0, 0, 0), None))
+    )
+    amplitude = np.sqrt(np.square(heard).sum(axis=1) / np.square(plain).sum(axis=1))
+    angle = 0.9 * np.pi * (np.arange(10) + 0.5) / 10
+    np.testing.assert_allclose(amplitude, (1 + np.cos(angle)) / 2, atol=0.02)
+
+
 @pytest.mark.parametrize(
     ("change", "text"),
     [

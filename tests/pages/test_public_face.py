@@ -26,7 +26,7 @@ PUBLIC = {
     | {"InvalidSubmission", "write_leaderboard"},
     "generators": {"read_manifest", "generate", "acoustics"},
     "generators.acoustics": {"Room", "Tracer", "SoundSpaces", "Analytic", "Rir", "SphericalHead", "SofaHead", "Omni"}
-    | {"Ambisonics", "Array", "Arrivals", "habitat"},
+    | {"Ambisonics", "Array", "Arrivals", "Directivity", "habitat"},
     "baselines": {"echosegnet", "oracle", "trivial", "owod_bind", "denseav", "listener"},
     "baselines.echosegnet": {"write_echosegnet", "Settings", "predict"},
     "baselines.owod_bind": {"write_owod_bind", "load_owod_bind"},

@@ -17,6 +17,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from generators.acoustics.directivity import Emission
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.tracer.air import energy_exponents
 from generators.acoustics.tracer.arrivals import Arrivals
@@ -53,6 +54,9 @@ class Images:
         gain: (S, 8) amplitude that the reflections leave, per octave.
         keys: (S,) sorted int64 keys of the sequences (see `trace_late`).
         group: (S,) number of the image's position; images of one position are one sound.
+        mirror: (S, 3, 3) the reflections of directions at the planes of each sequence, the last one first: what leaves
+            the image along d left the source along mirror·d. Empty without an emission.
+        emission: what the source sends out in each direction; None: 1 in all.
         walls: transmission coefficients, if a material of the scene gives its own.
     """
 
@@ -62,6 +66,8 @@ class Images:
     gain: F64
     keys: NDArray[np.int64]
     group: NDArray[np.int64]
+    mirror: F64
+    emission: Emission = None
     walls: WallTable | None = None
 
     @property
@@ -71,7 +77,14 @@ class Images:
         return np.asarray(self.positions[np.arange(len(order)), order - 1])
 
 
-def images_of(surfaces: AcousticSurfaces, source: F64, order: int, seed: int, search: Search | None = None) -> Images:
+def images_of(
+    surfaces: AcousticSurfaces,
+    source: F64,
+    order: int,
+    seed: int,
+    search: Search | None = None,
+    emission: Emission = None,
+) -> Images:
     """All candidates of up to ``order`` reflections.
 
     Args:
@@ -81,6 +94,7 @@ def images_of(surfaces: AcousticSurfaces, source: F64, order: int, seed: int, se
         seed: of the rays that look for sequences.
         search: of source, directions (R, 3) and order: the planes (R, order) that specular rays meet, if not by the
             CPU's kernel.
+        emission: what the source sends out in each direction; None: 1 in all.
     """
     sequences = _candidates(surfaces, source, order, seed, search)
     positions = np.zeros((*sequences.shape, 3))
@@ -97,7 +111,20 @@ def images_of(surfaces: AcousticSurfaces, source: F64, order: int, seed: int, se
         gain[has] *= amplitude[surfaces.plane_material[plane]]
     keys = np.sort(_keys(sequences, surfaces.planes))
     group = _groups(np.round(at / _SAME_IMAGE).astype(np.int64))
-    return Images(source, sequences, positions, gain, keys, group, surfaces.walls)
+    mirror = np.zeros((0, 3, 3)) if emission is None else _mirrors(surfaces, sequences)
+    return Images(source, sequences, positions, gain, keys, group, mirror, emission, surfaces.walls)
+
+
+def _mirrors(surfaces: AcousticSurfaces, sequences: I32) -> F64:
+    """(S, 3, 3) the reflections of directions at the planes of each sequence, the last one first."""
+    found = np.broadcast_to(np.eye(3), (len(sequences), 3, 3)).copy()
+    for column in sequences.T:
+        has = column >= 0
+        normal = surfaces.plane_equation[column[has], :3]
+        # Times I − 2·n·nᵀ on the right.
+        along = np.einsum("sij,sj->si", found[has], normal)
+        found[has] -= 2 * along[:, :, None] * normal[:, None, :]
+    return found
 
 
 def _groups(rows: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -239,6 +266,9 @@ def heard_images(
     # Source and listener in one point: the sound comes from somewhere, by convention from −Z.
     direction = np.where(distance[:, None] > 0, offset / np.maximum(distance, 1e-30)[:, None], [0.0, 0.0, -1.0])
     pressure = gain * np.exp(-0.5 * np.outer(distance, energy_exponents())) / np.maximum(distance, NEAREST)[:, None]
+    if images.emission is not None:
+        mirror = np.concatenate([np.broadcast_to(np.eye(3), (count, 3, 3)), images.mirror[image]])[used]
+        pressure *= images.emission(-np.einsum("sij,sj->si", mirror, direction))
     order = np.lexsort((distance, owner))
     time = distance[order] / SPEED_OF_SOUND
     direction, pressure = direction[order].astype(np.float32), pressure[order].astype(np.float32)
