@@ -1,4 +1,5 @@
 # The public names of generators: type checkers read them here, and lazy_loader imports them from here on first use.
+from . import acoustics as acoustics
 from .manifest.reading import ManifestFile as ManifestFile
 from .manifest.reading import read_manifest as read_manifest
 from .manifest.schema import Manifest as Manifest

@@ -38,6 +38,8 @@ VISION_ON_DEVICE = ("splats",)
 ON_DEVICE = ("tracer",)
 #: Acoustic engines whose random numbers have a seed.
 SEEDED = ("tracer", "analytic")
+#: Acoustic engines whose sources may have a directivity.
+DIRECTED = ("tracer", "analytic")
 
 
 def vision_backend(name: str, device: str = "cpu") -> VisionBackend:
@@ -85,6 +87,23 @@ def acoustic_backend(
         arguments["seed"] = seed
     backend: AcousticBackend = import_by_name(ACOUSTIC[name])(**arguments)
     return backend
+
+
+def check_directed(engine: str, what: str) -> None:
+    """Refuse an engine whose sources are alike in all directions.
+
+    Args:
+        engine: its name.
+        what: whose source has a directivity.
+
+    Raises:
+        UsageError: one line.
+    """
+    if engine not in DIRECTED:
+        raise UsageError(
+            f"{what}: directivity needs the engine {_any_of(DIRECTED)}, found {engine}: add --audio {DIRECTED[0]}, or "
+            "leave directivity out"
+        )
 
 
 def warm_up(options: EngineOptions) -> None:

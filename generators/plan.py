@@ -221,6 +221,12 @@ class ObservationPlan:
         return tuple((name, item) for name in self.spec.heard for item in self.sounds.get(name, ()))
 
     @property
+    def directivity_files(self) -> list[str]:
+        """The SOFA files of its sources' directivities, as the manifest names them."""
+        chosen = [self.spec.directivity_of(source).file for source in self.spec.sounding]
+        return sorted({name for name in chosen if name is not None})
+
+    @property
     def _variants(self) -> dict[str, tuple[str, ...]]:
         """The entries of ``models`` that this observation draws from."""
         return {name: self.models[name] for name in self.spec.objects if name in self.models}
@@ -232,7 +238,8 @@ class ObservationPlan:
     def _file_digests(self, *, sounds: bool = True) -> dict[str, str]:
         """sha256 of every file that this observation may read; a missing file is reported when it is opened."""
         items = [item for _, item in (*self.object_items, *(self.sound_items if sounds else ()))]
-        named = {item.file: locate(self.base, item.file) for item in items if item.file is not None}
+        names = [item.file for item in items if item.file is not None] + (self.directivity_files if sounds else [])
+        named = {name: locate(self.base, name) for name in names}
         found = {name: files.sha256_file(path) for name, path in named.items() if path.is_file()}
         assets = [name for name in (*(item.asset for item in items), self.scan.asset) if name is not None]
         if assets:
@@ -313,6 +320,8 @@ class ObservationPlan:
             for category, item in items:
                 if item.file is not None:
                     resolve_file(self.base, item.file, f"{kind} for {category}")
+        for name in self.directivity_files:
+            resolve_file(self.base, name, "directivity")
 
     def _scan_digests(self) -> dict[str, str]:
         """sha256 of the files of its scan; a missing file is reported when it is opened."""
@@ -446,22 +455,25 @@ def make_plans(source: ManifestFile, options: GenerateOptions | None = None) -> 
         options: of the run; None: the defaults.
 
     Raises:
-        UsageError: if a pattern of ``only`` matches nothing, the engine lacks a receiver, or the lock file lacks an
-            asset.
+        UsageError: if a pattern of ``only`` matches nothing, the engine lacks a receiver or directivities, or the lock
+            file lacks an asset.
         Avs3dError: if a backend is not installed, the device cannot be used, an asset is not in the store, or the file
             of a receiver is missing or wrong.
     """
-    from generators.backends import backend_versions
+    from generators.backends import backend_versions, check_directed
 
     manifest, asked = source.manifest, options or GenerateOptions()
     changes = {"frames": asked.frames, "size": asked.size}
     camera = manifest.camera.model_copy(update={name: value for name, value in changes.items() if value is not None})
     engines = asked.engine_options(manifest.engine(), manifest.hrtf)
+    selected = select(manifest, asked.only)
+    for spec in selected:
+        if spec.directed:
+            check_directed(engines.engine, f"{manifest.name}: {spec.key}")
     backends = backend_versions(engines)
     _check_variants(manifest)
     _check_voices(manifest)
     _check_surfaces(manifest)
-    selected = select(manifest, asked.only)
     check_assets(
         source.base / LOCK_NAME,
         manifest.objects,

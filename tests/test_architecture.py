@@ -354,6 +354,8 @@ class A:
 #: Class names with two meanings, and why they stay.
 TWICE = {
     "Settings": "the public face of two methods: `baselines.echosegnet.Settings` and `baselines.listener.Settings`",
+    "Room": "the public face: `acoustics.Room`, and the box of a room in `generators.core.scene`",
+    "Tracer": "the public face: `acoustics.Tracer`, and the rays of light of `generators.core.rays`",
     "Prediction": "the public face: of a frame in `avs3d_bench`, of an observation in `baselines.echosegnet`",
 }
 

@@ -56,11 +56,16 @@ def t30(response: NDArray[np.floating], sample_rate: int) -> float | None:
     return _fit(decay_curve(response), sample_rate)
 
 
-def fit_decay(remaining: NDArray[np.floating], rate: float) -> float | None:
-    """T30 in s of the energy that remains (n,), any unit, at ``rate`` values per second; None as in `t30`."""
+def fit_decay(
+    remaining: NDArray[np.floating], rate: float, first: float = _FIT_FROM, last: float = _FIT_TO
+) -> float | None:
+    """T30 in s of the energy that remains (n,), any unit, at ``rate`` values per second; None as in `t30`.
+
+    From ``first`` = 0 to ``last`` = −10 dB it is the early decay time, EDT (ISO 3382-1).
+    """
     if len(remaining) == 0 or not remaining[0] > 0:
         return None
-    return _fit(_decibels(remaining), rate)
+    return _fit(_decibels(remaining), rate, last, first)
 
 
 def _decibels(remaining: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -68,9 +73,11 @@ def _decibels(remaining: NDArray[np.floating]) -> NDArray[np.float64]:
         return np.asarray(10 * np.log10(np.maximum(remaining / remaining[0], 0.0)))
 
 
-def _fit(curve: NDArray[np.float64], sample_rate: float, last: float = _FIT_TO) -> float | None:
-    """The time of 60 dB at the slope of ``curve`` (n,), dB, between −5 and ``last`` dB."""
-    inside = np.flatnonzero((curve <= _FIT_FROM) & (curve >= last))
+def _fit(
+    curve: NDArray[np.float64], sample_rate: float, last: float = _FIT_TO, first: float = _FIT_FROM
+) -> float | None:
+    """The time of 60 dB at the slope of ``curve`` (n,), dB, between ``first`` and ``last`` dB."""
+    inside = np.flatnonzero((curve <= first) & (curve >= last))
     if len(inside) < 20 or not np.any(curve < last):
         return None
     slope = float(np.polyfit(inside / sample_rate, curve[inside], 1)[0])

@@ -97,7 +97,9 @@ def check_gain(record: ObservationRecord, heard: Sequence[Hearing], findings: Fi
         levels.append(max(rms * near / 10 ** (SOURCE_LUFS / 20), peak * near / 10 ** (SOURCE_PEAK_DB / 20)))
     loudest = np.sort(levels)[-max(1, round(_LOUDEST * len(levels))) :]
     above = 10 * math.log10(max(float(np.mean(np.square(loudest))), 1e-30))
-    low, high = GAIN_RANGE_DB
+    # A source sends less power into the room by its directivity index than one that is alike in all directions.
+    indices = [index for one in record.sound_sources if one.directivity for index in one.directivity.index_db.values()]
+    low, high = GAIN_RANGE_DB[0] - max(indices, default=0.0), GAIN_RANGE_DB[1]
     if not low <= above <= high:
         text = (
             f"acoustics.gain is {record.acoustics.gain:g}: with it, the source is {above:+.1f} dB re all sources "

@@ -5,6 +5,8 @@
 - From there on the arrivals are too dense to count: Gaussian noise with the power that the image sources would have
   had, 4πc/V per second, decaying with Eyring's time in each octave (Moorer 1979; Lehmann and Johansson 2010).
 - Each arrival reaches both ears through `hrtf`: Woodworth's delay, Brown and Duda's head shadow.
+- A source with a directivity is as loud in each image as in the direction, mirrored, in which the sound left it; the
+  diffuse tail has the mean power of all directions.
 - If something is between source and listener, the direct sound is attenuated like behind a thin screen (Maekawa
   1968, 10·lg(3 + 20·N) with the Fresnel number N of a detour of 10 cm).
 
@@ -23,16 +25,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 
-from avs3d_bench.contract.schema import Scalar
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose
 from avs3d_bench.measures.decay import eyring
 from generators.acoustics import hrtf
+from generators.acoustics.base import Place, point_of, pose_of
+from generators.acoustics.directivity import Directivity, emission_of
 from generators.acoustics.geometry import (
     SPEED_OF_SOUND,
     AcousticMesh,
@@ -45,6 +49,9 @@ from generators.acoustics.geometry import (
 from generators.acoustics.materials import DEFAULT_MATERIAL, OCTAVE_BANDS, mean_absorption, triangle_areas
 from generators.core.scene import Room, Scene
 
+if TYPE_CHECKING:
+    from avs3d_bench.contract.schema import Scalar
+
 Array = NDArray[np.float64]
 
 #: Half length of the windowed sinc in samples; arrivals nearer than this are cut at time 0.
@@ -56,6 +63,8 @@ _DETOUR = 0.1
 _LONGEST = 3.0
 _TAIL_SEED = 0x7A11
 _BANDS = np.array(OCTAVE_BANDS)
+#: The octaves of a directivity that the materials have.
+_OCTAVES = slice(1, 7)
 
 
 @dataclass(frozen=True)
@@ -106,6 +115,12 @@ def image_sources(box: Box, source: Array, centre: Array, reach: float) -> tuple
     Returns:
         positions (N, 3) and reflections (N,), the source itself (0 reflections) included.
     """
+    positions, reflections = _image_lattice(box, source, centre, reach)
+    return positions, reflections.sum(axis=1)
+
+
+def _image_lattice(box: Box, source: Array, centre: Array, reach: float) -> tuple[Array, NDArray[np.int64]]:
+    """As `image_sources`, with the reflections (N, 3) by axis."""
     low, size = np.asarray(box.low), box.size
     lines, counts = [], []
     for axis in range(3):
@@ -119,7 +134,7 @@ def image_sources(box: Box, source: Array, centre: Array, reach: float) -> tuple
     distance = offset[0][:, None, None] + offset[1][None, :, None] + offset[2][None, None, :]
     i, j, k = np.nonzero(distance <= reach * reach)
     positions = np.stack([lines[0][i], lines[1][j], lines[2][k]], axis=1)
-    return positions, counts[0][i] + counts[1][j] + counts[2][k]
+    return positions, np.stack([counts[0][i], counts[1][j], counts[2][k]], axis=1)
 
 
 def band_weights(frequencies: Array) -> Array:
@@ -175,16 +190,22 @@ class AnalyticBackend:
         self.absorption_scale = checked_scale(absorption_scale)
 
     def open(
-        self, scene: Scene, source: tuple[float, float, float], *, room: str, sample_rate: int = 44_100
+        self,
+        scene: Scene,
+        source: Place,
+        *,
+        room: str,
+        sample_rate: int = 44_100,
+        directivity: Directivity | None = None,
     ) -> AnalyticSession:
-        """Load ``scene`` with a point source at ``source`` (world, metres) standing in ``room``.
+        """Load ``scene`` with a source at ``source`` (world, metres) standing in ``room``.
 
         Raises:
             Avs3dError: if the source is not finite or not in the room's box, or the sample rate is out of range.
         """
         if not 8000 <= sample_rate <= 192_000:
             raise Avs3dError(f"{scene.name}: sample rate {sample_rate!r} Hz, expected 8000 to 192000")
-        return AnalyticSession(self, scene, source, room, sample_rate)
+        return AnalyticSession(self, scene, source, room, sample_rate, directivity)
 
     def describe(self) -> dict[str, Scalar]:
         """The settings that go into observation.json."""
@@ -209,28 +230,31 @@ class AnalyticSession:
         self,
         backend: AnalyticBackend,
         scene: Scene,
-        source: tuple[float, float, float],
+        source: Place,
         room: str,
         sample_rate: int,
+        directivity: Directivity | None = None,
     ) -> None:
         self.sample_rate = sample_rate
+        self._directivity = directivity
         self._backend = backend
         self._scene = scene
-        self._mesh = acoustic_mesh(scene, source, absorption_scale=backend.absorption_scale)
+        self._mesh = acoustic_mesh(scene, point_of(source), absorption_scale=backend.absorption_scale)
         self._triangles = self._mesh.triangles
         self._room = scene.room(room)
         self.move_source(source)
         self._tails: dict[Box, Array] = {}
         self._boxes: dict[tuple[str, ...], Box] = {}
 
-    def move_source(self, source: tuple[float, float, float]) -> None:
-        """Put the source elsewhere for the responses that follow.
+    def move_source(self, source: Place) -> None:
+        """Put the source elsewhere, or turn it, for the responses that follow.
 
         Raises:
             Avs3dError: if the source is not finite or not in the room's box.
         """
         within = _room_bounds(self._room, self._mesh)
-        self._source = np.asarray(checked_position(self._scene.name, "source", source, within))
+        self._source = np.asarray(checked_position(self._scene.name, "source", point_of(source), within))
+        self._emission = emission_of(self._directivity, pose_of(source))
 
     def box_for(self, position: tuple[float, float, float]) -> Box:
         """The box in which the images of the source are heard at ``position``."""
@@ -253,11 +277,16 @@ class AnalyticSession:
         position = np.asarray(checked_position(self._scene.name, "listener", pose.position, self._mesh.bounds))
         box = self.box_for(pose.position)
         reach = max((3 * box.volume * self._backend.images / (4 * math.pi)) ** (1 / 3), 1.5 * float(box.size.max()))
-        images, bounces = image_sources(box, self._source, position, reach)
+        images, reflections = _image_lattice(box, self._source, position, reach)
+        bounces = reflections.sum(axis=1)
         distance = np.maximum(np.linalg.norm(images - position, axis=1), 1e-9)
         directions = pose.to_camera(images) / distance[:, None]
         gains = np.sqrt(1 - np.clip(box.absorption, 0.0, 1.0))[None, :] ** bounces[:, None]
         gains = gains / np.maximum(distance, NEAREST)[:, None]
+        if self._emission is not None:
+            # The room's mirrors turn the direction that leaves the image back into that which left the source.
+            mirrored = np.where(reflections % 2 == 0, 1.0, -1.0)
+            gains = gains * self._emission(mirrored * (position - images) / distance[:, None])[:, _OCTAVES]
         if blocked(self._triangles, position, self._source):
             gains[bounces == 0] *= screen_gain()
         tail = self._tail(box, reach) if self._backend.tail else np.zeros((2, 0))
@@ -313,12 +342,13 @@ class AnalyticSession:
         t = np.arange(count) / self.sample_rate
         # Images arrive at 4πc³t²/V per second with energy 1/(ct)² each: their power does not depend on t.
         level = math.sqrt(4 * math.pi * SPEED_OF_SOUND / (box.volume * self.sample_rate))
+        power = np.ones(len(_BANDS)) if self._directivity is None else self._directivity.power[_OCTAVES]
         seed = self._backend.seed
         rng = np.random.default_rng(np.random.SeedSequence(_TAIL_SEED if seed is None else [_TAIL_SEED, seed]))
         out = np.zeros((2, count))
         for ear in (0, 1):
             noise = rfft(rng.standard_normal(length)) * head
-            for weight, time in zip(np.sqrt(band_weights(frequencies)), times, strict=True):
+            for weight, time in zip(np.sqrt(band_weights(frequencies) * power[:, None]), times, strict=True):
                 out[ear] += irfft(noise * weight, length)[:count] * np.exp(-3 * math.log(10) * t / time)
         out *= level
         out[:, t < start] = 0.0

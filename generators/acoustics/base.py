@@ -3,14 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench.contract.schema import Scalar
 from avs3d_bench.geometry import Pose
 from generators.core.scene import Scene
+
+if TYPE_CHECKING:
+    from avs3d_bench.contract.schema import Scalar
+    from generators.acoustics.directivity import Directivity
+    from generators.acoustics.tracer.arrivals import Arrivals
+
+#: Where a source is, and how it is turned: a point (world, metres) is one that is not.
+Place = tuple[float, float, float] | Pose
+
+
+def point_of(place: Place) -> tuple[float, float, float]:
+    """Where a source is, which nobody may have checked yet."""
+    return place.position if isinstance(place, Pose) else place
+
+
+def pose_of(place: Place) -> Pose:
+    """The pose of a source: that of a point has its front towards +Z (see `generators.acoustics.directivity`)."""
+    return place if isinstance(place, Pose) else Pose(place, (1.0, 0.0, 0.0, 0.0))
 
 
 class AcousticSession(Protocol):
@@ -25,8 +42,8 @@ class AcousticSession(Protocol):
         """
         ...
 
-    def move_source(self, source: tuple[float, float, float]) -> None:
-        """Put the source elsewhere for the responses that follow; the scene stays as it was opened.
+    def move_source(self, source: Place) -> None:
+        """Put the source elsewhere, or turn it, for the responses that follow; the scene stays as it was opened.
 
         The body of the sounding object is no part of what sound meets, so that nothing else moves with it.
         """
@@ -63,6 +80,19 @@ class ReceiverSession(AcousticSession, Protocol):
         ...
 
 
+@runtime_checkable
+class ArrivalSession(AcousticSession, Protocol):
+    """A session that tells single arrivals, before any receiver."""
+
+    def arrivals(self, pose: Pose) -> Arrivals:
+        """All that arrives at a pose; it does not depend on the pose's rotation."""
+        ...
+
+    def early(self, pose: Pose) -> Arrivals:
+        """The direct sound and the specular reflections alone; far cheaper than `arrivals`."""
+        ...
+
+
 class AcousticBackend(Protocol):
     """An acoustic engine.
 
@@ -73,9 +103,18 @@ class AcousticBackend(Protocol):
     version: str
 
     def open(
-        self, scene: Scene, source: tuple[float, float, float], *, room: str, sample_rate: int = 44_100
+        self,
+        scene: Scene,
+        source: Place,
+        *,
+        room: str,
+        sample_rate: int = 44_100,
+        directivity: Directivity | None = None,
     ) -> AcousticSession:
-        """Load ``scene`` with a point source at ``source`` (world, metres) standing in ``room``."""
+        """Load ``scene`` with a source at ``source`` (world, metres) standing in ``room``.
+
+        Without a directivity it is alike in all directions, however it is turned.
+        """
         ...
 
     def describe(self) -> dict[str, Scalar]:

@@ -7,6 +7,7 @@ ever normalised per clip.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,19 +132,67 @@ def moving_clip(
     out = np.zeros((np.shape(impulse_responses[0])[0], sample_rate + tail))
     for k, found in enumerate(impulse_responses):
         response = _checked(signal, found, index, sample_rate)
-        # The stretch in which sound leaves the source with this response, and can still be heard.
-        low = max(0, start - response.shape[1] + 1, int(knots[k - 1]) if k else 0)
-        high = int(knots[k + 1]) if k + 1 < count else stop
-        if low >= high:
-            continue
-        n = np.arange(low, high)
-        lag = np.interp(n, knots, lags) - lags[k]
-        leaving = np.interp(n, knots, np.eye(count)[k]) * delayed(lengthened, lag, low)
-        wet = oaconvolve(leaving[None, :], response.astype(np.float64), axes=1)
-        heard = wet[:, max(start - low, 0) : stop - low]
-        at = max(low - start, 0)
+        at, heard = heard_from(lengthened, response, MovingSource(knots, lags), k, (start, stop))
         out[:, at : at + heard.shape[1]] += heard
     return np.asarray(gain * out, dtype=np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class MovingSource:
+    """Where a source is at some times, as one listener hears it.
+
+    Attributes:
+        knots: (k,) samples, ascending.
+        lags: (k,) samples that its direct sound takes from there.
+        corrects_level: of responses that are not alike, the powers add up, not the amplitudes. This is the correlation
+            of two successive ones, for which windows are scaled so that the level stays the same; None: they are not.
+    """
+
+    knots: NDArray[np.integer]
+    lags: NDArray[np.float64]
+    corrects_level: float | None = None
+
+
+def heard_from(
+    signal: NDArray[np.floating],
+    response: NDArray[np.floating],
+    source: MovingSource,
+    k: int,
+    span: tuple[int, int],
+) -> tuple[int, NDArray[np.float64]]:
+    """What leaves a moving source about its knot ``k``, through the response from there (see `moving_clip`).
+
+    Args:
+        signal: (n,), n ≥ the end of ``span``.
+        response: (channels, m) from where the source is at knot ``k``.
+        source: its knots; before the first and after the last it stands still.
+        k: number of the knot.
+        span: first sample wanted and the one after the last.
+
+    Returns:
+        offset from the beginning of ``span``, and (channels, j) float64 from there on; nothing where j is 0.
+    """
+    (start, stop), knots, count = span, source.knots, len(source.knots)
+    # The stretch in which sound leaves the source with this response, and can still be heard.
+    low = max(0, start - response.shape[1] + 1, int(knots[k - 1]) if k else 0)
+    high = int(knots[k + 1]) if k + 1 < count else stop
+    high = min(high, stop)
+    if low >= high:
+        return 0, np.zeros((response.shape[0], 0))
+    n = np.arange(low, high)
+    lag = np.interp(n, knots, source.lags) - source.lags[k]
+    window = np.interp(n, knots, np.eye(count)[k]) if count > 1 else np.ones(len(n))
+    if source.corrects_level is not None:
+        window = levelled(window, source.corrects_level)
+    leaving = window * delayed(signal, lag, low)
+    wet = oaconvolve(leaving[None, :], response.astype(np.float64), axes=1)
+    return max(low - start, 0), wet[:, max(start - low, 0) : stop - low]
+
+
+def levelled(window: NDArray[np.float64], correlation: float) -> NDArray[np.float64]:
+    """A window w of a cross-fade w, 1 − w between signals of this correlation, scaled so that their level stays."""
+    other = 1.0 - window
+    return np.asarray(window / np.sqrt(window**2 + other**2 + 2 * correlation * window * other))
 
 
 def joined(clip: NDArray[np.float32], before: NDArray[np.float32]) -> NDArray[np.float32]:

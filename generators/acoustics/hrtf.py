@@ -32,7 +32,7 @@ def incidence(directions: ArrayLike, ear: int) -> Array:
     return np.arccos(np.clip(EAR_AXES[ear] * np.asarray(directions, dtype=np.float64)[..., 0], -1.0, 1.0))
 
 
-def ear_delay(theta: ArrayLike) -> Array:
+def ear_delay(theta: ArrayLike, radius: float = HEAD_RADIUS) -> Array:
     """Arrival at an ear in s, relative to the head's centre if there were no head; negative on the near side.
 
     −(a/c)·cos θ on the side that sees the source; beyond 90° the wave creeps round: (a/c)·(θ − π/2).
@@ -40,7 +40,7 @@ def ear_delay(theta: ArrayLike) -> Array:
     """
     angle = np.asarray(theta, dtype=np.float64)
     near = -np.cos(angle)
-    return HEAD_RADIUS / SPEED_OF_SOUND * np.where(angle < np.pi / 2, near, angle - np.pi / 2)
+    return radius / SPEED_OF_SOUND * np.where(angle < np.pi / 2, near, angle - np.pi / 2)
 
 
 def woodworth_itd(azimuth: ArrayLike) -> Array:

@@ -47,6 +47,8 @@ class AcousticMaterial:
         basis: the meaning of the values and their source ([V], [K], [B], [E] of the module's docstring).
         scale: factor of its Eyring exponent −ln(1 − α in situ): above 1 it absorbs more, below 1 less.
         residual: absorption that the small things on the surface add; 0 for given values that are used unchanged.
+        transmission: energy transmission coefficient per octave of a wall with this surface, in [0, 1]; None: that of
+            a light interior wall (see `generators.acoustics.tracer.transmission`).
     """
 
     label: str
@@ -55,6 +57,7 @@ class AcousticMaterial:
     basis: str
     scale: float = 1.0
     residual: float = RESIDUAL
+    transmission: Spectrum | None = None
 
     def __post_init__(self) -> None:
         """Refuse coefficients that the engine would take for silent nonsense.
@@ -62,7 +65,9 @@ class AcousticMaterial:
         Raises:
             Avs3dError: if a coefficient is not a number in [0, 1] or a band is missing.
         """
-        for what, values in (("absorption", self.absorption), ("scattering", self.scattering)):
+        transmission = (0.0,) * len(OCTAVE_BANDS) if self.transmission is None else self.transmission
+        spectra = {"absorption": self.absorption, "scattering": self.scattering, "transmission": transmission}
+        for what, values in spectra.items():
             if len(values) != len(OCTAVE_BANDS) or not all(0.0 <= v <= 1.0 for v in values):
                 raise Avs3dError(
                     f"acoustic material {self.label!r}: {what} is {values}, "
@@ -117,14 +122,16 @@ DEFAULT_MATERIAL = AcousticMaterial("default", (0.1,) * 6, _ROUGH, "unknown surf
 
 
 #: A label that carries its own coefficients. The engine takes a label for another one that it contains, so that no
-#: such label may contain another: they are of one length, and none holds the name of a material.
-_SPECTRAL = re.compile(r"given:([01]\.\d{4}(?:,[01]\.\d{4}){5})/([01]\.\d{4}(?:,[01]\.\d{4}){5})")
+#: such label may contain another: those of one prefix are of one length, and none holds the name of a material.
+_SIX = r"([01]\.\d{4}(?:,[01]\.\d{4}){5})"
+_SPECTRAL = re.compile(f"given:{_SIX}/{_SIX}|passing:{_SIX}/{_SIX}/{_SIX}")
 
 
-def spectral_label(absorption: Spectrum, scattering: Spectrum) -> str:
+def spectral_label(absorption: Spectrum, scattering: Spectrum, transmission: Spectrum | None = None) -> str:
     """A label that encodes these coefficients, rounded to four digits; `material_for` decodes it."""
-    spectra = "/".join(",".join(f"{v:.4f}" for v in values) for values in (absorption, scattering))
-    return f"given:{spectra}"
+    given = (absorption, scattering) if transmission is None else (absorption, scattering, transmission)
+    spectra = "/".join(",".join(f"{v:.4f}" for v in values) for values in given)
+    return f"{'given' if transmission is None else 'passing'}:{spectra}"
 
 
 def scaled_label(label: str, scale: float) -> str:
@@ -132,7 +139,12 @@ def scaled_label(label: str, scale: float) -> str:
     if scale == 1.0:
         return label
     material = material_for(label)
-    return spectral_label(material.scaled(scale).in_situ, material.scattering)
+    return spectral_label(material.scaled(scale).in_situ, material.scattering, material.transmission)
+
+
+def _spectrum(text: str) -> Spectrum:
+    a, b, c, d, e, f = (float(value) for value in text.split(","))
+    return a, b, c, d, e, f
 
 
 def material_for(label: str) -> AcousticMaterial:
@@ -140,8 +152,9 @@ def material_for(label: str) -> AcousticMaterial:
     key = label.strip().lower()
     found = _SPECTRAL.fullmatch(key)
     if found:
-        absorption, scattering = (tuple(float(v) for v in group.split(",")) for group in found.groups())
-        return AcousticMaterial(key, absorption, scattering, "a material file", residual=0.0)  # type: ignore[arg-type]
+        spectra = [_spectrum(six) for six in found.groups() if six]
+        passing = spectra[2] if len(spectra) > 2 else None
+        return AcousticMaterial(key, spectra[0], spectra[1], "given coefficients", residual=0.0, transmission=passing)
     return MATERIALS.get(key, DEFAULT_MATERIAL)
 
 

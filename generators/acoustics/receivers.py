@@ -34,7 +34,7 @@ PARTS = {
     "head": "generators.acoustics.tracer.receivers.measured:SofaHead",
     "ambisonics": "generators.acoustics.tracer.receivers.ambisonics:Ambisonics",
     "array": "generators.acoustics.tracer.receivers.microphones:Array",
-    "array file": "generators.acoustics.tracer.receivers.microphones:read_array",
+    "array file": "generators.acoustics.tracer.receivers.array_file:read_array",
     "drawn head": "generators.acoustics.tracer.receivers.parametric:parametric_head",
 }
 #: Words of ``hrtf`` that are no file: the engine's own head, heads of the family, a measured mannequin.

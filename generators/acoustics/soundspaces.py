@@ -24,32 +24,41 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench.contract.schema import Scalar
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose
 from avs3d_bench.runtime.imports import needing
+from generators.acoustics.base import Place, point_of
+from generators.acoustics.directivity import Directivity
 from generators.acoustics.geometry import (
     AcousticMesh,
     acoustic_mesh,
     check_free_source,
     checked_position,
     checked_scale,
-    longest_view,
     reflections_to_decay,
+    views_from,
 )
 from generators.acoustics.materials import RESIDUAL, material_for, write_engine_json
 from generators.core.limits import check_ranges
 from generators.core.scene import Scene
 
+if TYPE_CHECKING:
+    from avs3d_bench.contract.schema import Scalar
+
 #: Sample rates the built-in head-related transfer functions were verified at; higher ones abort the process.
 SAMPLE_RATES = (16_000, 22_050, 32_000, 44_100)
 #: A listener of the default 0.1 m radius hears everything 13 samples early.
 LISTENER_RADIUS = 0.001
+#: Why there is no session with a directivity.
+NO_DIRECTIVITY = (
+    "the soundspaces engine has only sources that are alike in all directions, found a directivity; leave it out, or "
+    "use tracer or analytic"
+)
 #: The engine's omnidirectional channel is the spherical harmonic of order 0, 1/√(4π).
 _OMNI_GAIN = math.sqrt(4 * math.pi)
 
@@ -123,15 +132,25 @@ class SoundSpacesBackend:
         self.version = metadata.version("rlr-audio-propagation")
 
     def open(
-        self, scene: Scene, source: tuple[float, float, float], *, room: str, sample_rate: int = 44_100
+        self,
+        scene: Scene,
+        source: Place,
+        *,
+        room: str,
+        sample_rate: int = 44_100,
+        directivity: Directivity | None = None,
     ) -> SoundSpacesSession:
         """Load ``scene`` with a point source at ``source`` (world, metres) standing in ``room``.
 
         Raises:
-            Avs3dError: if the source, the meshes or the sample rate would make the engine hang, crash or lie.
+            Avs3dError: if the source, the meshes or the sample rate would make the engine hang, crash or lie, or there
+                is a directivity.
         """
+        if directivity is not None:
+            raise Avs3dError(f"{scene.name}: {NO_DIRECTIVITY}")
+        at = point_of(source)
         return SoundSpacesSession(
-            self._engine, self.settings, scene, source, room, sample_rate, self.absorption_scale, omni=self.omni
+            self._engine, self.settings, scene, at, room, sample_rate, self.absorption_scale, omni=self.omni
         )
 
     def describe(self) -> dict[str, Scalar]:
@@ -194,7 +213,7 @@ class SoundSpacesSession:
         self._context.add_source()
         self._context.set_source_position(0, self._source)
 
-    def move_source(self, source: tuple[float, float, float]) -> None:
+    def move_source(self, source: Place) -> None:
         """Put the source elsewhere for the responses that follow.
 
         Raises:
@@ -202,14 +221,14 @@ class SoundSpacesSession:
         """
         if self._context is None:
             raise Avs3dError(f"{self._scene_name}: the acoustic session is closed; open a new one")
-        self._source = self._free_source(source)
+        self._source = self._free_source(point_of(source))
         self._context.set_source_position(0, self._source)
 
     def _free_source(self, source: tuple[float, float, float]) -> list[float]:
         """A position at which the engine may stand a source: from a closed box it lets a few stray rays out."""
         position = self._position(source, "source")
-        farthest = longest_view(self._triangles, np.asarray(position))
-        check_free_source(self._scene_name, position, farthest, self._room)
+        views = views_from(self._triangles, np.asarray(position))
+        check_free_source(self._scene_name, position, views, self._room)
         return position
 
     def _position(self, position: tuple[float, float, float], what: str) -> list[float]:

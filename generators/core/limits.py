@@ -19,6 +19,8 @@ SIZE = (16, 8192)
 SOURCE_LEVEL = (-40.0, 20.0)
 #: Greatest index of an observation among those of its part, scan and room: a grid of variants needs thousands.
 MOST_INDEX = 9_999
+#: Highest order of a cardioid: 32 times quieter (30 dB) at 72° than on its axis.
+MOST_ORDER = 16
 #: Least and greatest number of worker processes.
 WORKERS = (1, 256)
 #: An observation makes use of so many cores: four render frames, and the sound, which only one can compute, then takes

@@ -188,13 +188,17 @@ class Part:
 
 @dataclass(frozen=True)
 class Room:
-    """A room: its type, its inner box (metres), and the exposure and white balance (`Scene.white`) for its light."""
+    """A room: its type, its inner box (metres), and the exposure and white balance (`Scene.white`) for its light.
+
+    ``is_whole_mesh``: the box is that of a whole mesh, which may hold any number of rooms.
+    """
 
     name: str
     low: tuple[float, float, float]
     high: tuple[float, float, float]
     exposure: float = 1.0
     white: tuple[float, float, float] = NEUTRAL
+    is_whole_mesh: bool = False
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from avs3d_bench.contract.layout import observation_key
 from avs3d_bench.contract.schema import Category, Part, Room
 from avs3d_bench.contract.taxonomy import MOST_OWN_CATEGORIES, PART_3, check_room
 from avs3d_bench.errors import UsageError, excerpt
-from generators.core.limits import FRAMES, MOST_INDEX, SIZE, SOURCE_LEVEL, HeadName
+from generators.core.limits import FRAMES, MOST_INDEX, MOST_ORDER, SIZE, SOURCE_LEVEL, HeadName
 from generators.manifest.categories import CategoryName, CategorySpec, Number, check_name, declared, missing_files
 from generators.manifest.messages import Fault, FieldError, listed
 from generators.manifest.variants import resolve_variants
@@ -286,6 +286,56 @@ class AcousticsSpec(_Model):
     absorption_scale: Annotated[Number, Field(ge=ABSORPTION_SCALE[0], le=ABSORPTION_SCALE[1])] = 1.0
 
 
+def _axis_vector(value: tuple[float, float, float]) -> tuple[float, float, float]:
+    if not any(value):
+        raise ValueError("[0, 0, 0] is no direction; expected [x, y, z] in the object's frame, such as [0, 0, 1]")
+    return value
+
+
+class DirectivitySpec(_Model):
+    """Directivity of a source, turned as its object is (see docs/directivity.md); exactly one of these.
+
+    The words ``omni``, alike in all directions, and ``auto``, the model of the source's category; ``cardioid``, its
+    order, with ``axis`` (x, y, z in the object's frame: y up, z to the front) and ``omni_share``; ``file``, a SOFA file
+    (FreeFieldDirectivityTF) with its ``licence``.
+    """
+
+    word: Literal["omni", "auto"] | None = None
+    cardioid: int | None = Field(default=None, ge=0, le=MOST_ORDER, strict=True)
+    axis: Annotated[Corner, AfterValidator(_axis_vector)] = (0.0, 0.0, 1.0)
+    omni_share: Annotated[Number, Field(ge=0.0, le=1.0)] = 0.5
+    file: Line | None = None
+    licence: LicenceSpec | None = None
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        kinds = [name for name in ("word", "cardioid", "file") if getattr(self, name) is not None]
+        if len(kinds) != 1:
+            raise ValueError(
+                f"found {' and '.join(kinds) or 'nothing'}; expected exactly one of omni, auto, {{cardioid: ORDER}}, "
+                "{file: FILE.sofa, licence: …}"
+            )
+        if self.cardioid is None and self.model_fields_set & {"axis", "omni_share"}:
+            raise ValueError("axis and omni_share belong to cardioid; leave them out")
+        if (self.file is None) != (self.licence is None):
+            raise ValueError("file and licence belong together: {file: FILE.sofa, licence: {name: …, author: …}}")
+        return self
+
+
+def _directivity(value: object) -> object:
+    """A word stands for itself."""
+    if value in ("omni", "auto"):
+        return {"word": value}
+    if not isinstance(value, dict | DirectivitySpec) or (isinstance(value, dict) and "word" in value):
+        raise ValueError(
+            f"found {excerpt(value)}; expected omni, auto, {{cardioid: ORDER}} or {{file: FILE.sofa, licence: …}}"
+        )
+    return value
+
+
+#: Alike in all directions.
+OMNI = DirectivitySpec(word="omni")
+Directed = BeforeValidator(_directivity)
 SourceMotion = Literal["static", "path"]
 Twins = Literal["apart", "alike"]
 Seconds = Annotated[Number, Field(ge=0.0, le=float(FRAMES[1]))]
@@ -420,6 +470,7 @@ class SourceSpec(_Model):
     ``instance``: which of the observation's objects of that category, from 1; drawn if it is left out. ``room``:
     another room, in which the source stands unseen; it has no instance then. ``programme``: ``always``,
     ``[[start, end], …]`` (s), ``{bursts: …}`` or ``{turn: …}``. ``gain_db``: level re the common loudness (dB).
+    ``directivity``: see `DirectivitySpec`; the observation's if it is left out.
     """
 
     category: Annotated[Category, BeforeValidator(_heard)]
@@ -427,11 +478,14 @@ class SourceSpec(_Model):
     room: RoomName | None = None
     programme: Annotated[ProgrammeSpec | None, BeforeValidator(_programme)] = None
     gain_db: Level = 0.0
+    directivity: Annotated[DirectivitySpec | None, Directed] = None
 
     @model_validator(mode="after")
     def _seen_or_not(self) -> Self:
         if self.room is not None and self.instance is not None:
             raise ValueError(f"instance {self.instance} is an object of the observation's room; leave out it or room")
+        if self.room is not None and self.directivity not in (None, OMNI):
+            raise ValueError("a source in another room has no object, and faces nowhere; leave out directivity")
         if self.room is None:
             try:
                 _category(self.category)
@@ -460,9 +514,9 @@ class ObservationSpec(_Model):
     of identical objects, and ``sources`` says which of them sound, with a diffuse ``background`` if there is one.
     With ``twins: alike`` identical objects stand near one another, and the walk keeps their distances alike.
 
-    ``acoustics`` and ``source_motion`` default to those of the manifest. ``like`` is the key of the observation that
-    this one is an acoustic variant or a sibling of, ``variant_of`` that of which a part_3 observation is a variant (see
-    `Manifest`).
+    ``acoustics``, ``source_motion`` and ``directivity`` default to those of the manifest. ``like`` is the key of the
+    observation that this one is an acoustic variant or a sibling of, ``variant_of`` that of which a part_3 observation
+    is a variant (see `Manifest`).
     """
 
     part: Part
@@ -478,6 +532,7 @@ class ObservationSpec(_Model):
     variant: Line | None = None
     acoustics: AcousticsSpec = AcousticsSpec()
     source_motion: SourceMotion = "static"
+    directivity: Annotated[DirectivitySpec, Directed] = OMNI
     like: Line | None = None
     variant_of: Line | None = None
 
@@ -569,6 +624,15 @@ class ObservationSpec(_Model):
             return (SourceSpec.model_construct(category=self.category),)  # the category is validated already
         return self.sources or ()
 
+    def directivity_of(self, source: SourceSpec) -> DirectivitySpec:
+        """The directivity of one of `sounding`; a source in another room has none, since it has no object."""
+        return OMNI if source.room is not None else source.directivity or self.directivity
+
+    @property
+    def directed(self) -> bool:
+        """Whether a source may be louder in one direction than in another."""
+        return any(self.directivity_of(source) != OMNI for source in self.sounding)
+
     @property
     def heard(self) -> tuple[str, ...]:
         """Categories of all sources, sorted."""
@@ -589,7 +653,12 @@ class ObservationSpec(_Model):
         """Content for digests: options that later versions added count only where they are set."""
         usual: dict[str, Any] = {"acoustics": AcousticsSpec().model_dump(), "source_motion": "static", "twins": "apart"}
         usual |= dict.fromkeys(("like", "variant_of", "sources", "background"))
-        return {name: value for name, value in self.model_dump().items() if name not in usual or value != usual[name]}
+        usual["directivity"] = OMNI.model_dump()
+        document = self.model_dump()
+        for source in document["sources"] or ():
+            if source["directivity"] is None:
+                del source["directivity"]
+        return {name: value for name, value in document.items() if name not in usual or value != usual[name]}
 
 
 class Manifest(_Model):
@@ -633,6 +702,7 @@ class Manifest(_Model):
     notes: str = ""
     acoustics: AcousticsSpec = AcousticsSpec()
     source_motion: SourceMotion = "static"
+    directivity: Annotated[DirectivitySpec, Directed] = OMNI
     observations: tuple[ObservationSpec, ...] = Field(min_length=1)
 
     @model_validator(mode="wrap")
@@ -649,7 +719,7 @@ class Manifest(_Model):
         """Fill in the fields that entries take from the manifest, and variants from their original."""
         if not isinstance(document, dict) or not isinstance(document.get("observations"), list | tuple):
             return document
-        shared = {name: document[name] for name in ("acoustics", "source_motion") if name in document}
+        shared = {name: document[name] for name in ("acoustics", "source_motion", "directivity") if name in document}
         entries, faults = resolve_variants(document["observations"], shared)
         if faults:
             raise FieldError(*faults)

@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from avs3d_bench.contract import layout
 from avs3d_bench.geometry import Pose
 from avs3d_bench.runtime.ahead import continue_in_fork
-from generators.acoustics.base import AcousticBackend, AcousticSession, BatchSession, ReceiverSession
+from generators.acoustics.base import AcousticBackend, AcousticSession, BatchSession, Place, ReceiverSession
 from generators.acoustics.clips import STEP_SECONDS, binaural_clip, joined, moving_clip, receiver_clip
 from generators.acoustics.direct import DirectPath
+from generators.acoustics.directivity import Directivity
 from generators.backends import acoustic_backend
 from generators.core.scene import Scene
 from generators.observation.stems import Clip, direct_to_reverberant
@@ -38,8 +39,6 @@ HEAD = "head"
 _POSES_OF_A_PLACE = 3
 #: Poses that all sessions together compute at a time; their arrivals are in memory, about 1 MB each.
 _TOGETHER = 128
-
-Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,8 +98,9 @@ class AcousticJob:
         room: where the source is.
         samples: (n,) float32, what the source plays from `PRE_ROLL` seconds before the first frame on.
         poses: of the listener at the beginning of each second.
-        path: position of a source that moves at the beginning of each second and at the end, len(poses) + 1; the one
-            position of a source that stands still.
+        path: pose of a source that moves at the beginning of each second and at the end, len(poses) + 1; the one pose
+            of a source that stands still.
+        directivity: of the source in its own frame; None: alike in all directions.
         measures_direct: whether the level of the direct sound is measured.
     """
 
@@ -111,7 +111,8 @@ class AcousticJob:
     room: str
     samples: NDArray[np.float32]
     poses: tuple[Pose, ...]
-    path: tuple[Vector, ...]
+    path: tuple[Pose, ...]
+    directivity: Directivity | None = None
     measures_direct: bool = False
 
     def engine(self) -> AcousticBackend:
@@ -120,10 +121,19 @@ class AcousticJob:
 
     def open(self, together: int) -> AcousticSession:
         """A session of the engine; ``together``: number of poses that it may compute at a time."""
-        session = self.engine().open(self.scene, self.path[0], room=self.room, sample_rate=layout.SAMPLE_RATE)
+        # Engines that know of no directivity are asked without one.
+        directed = {} if self.directivity is None else {"directivity": self.directivity}
+        session = self.engine().open(
+            self.scene, self.place(0), room=self.room, sample_rate=layout.SAMPLE_RATE, **directed
+        )
         if isinstance(session, BatchSession):
             session.prepare(self.poses, together)
         return session
+
+    def place(self, second: int) -> Place:
+        """Where the source is at the beginning of a second; how it is turned, if that can be heard."""
+        pose = self.path[second]
+        return pose.position if self.directivity is None else pose
 
     @property
     def moves(self) -> bool:
@@ -145,7 +155,7 @@ def hear_sources(jobs: Sequence[AcousticJob], seconds: int) -> Generator[tuple[H
     try:
         for job in jobs:
             sessions.append(job.open(_POSES_OF_A_PLACE if job.moves else max(1, _TOGETHER // len(jobs))))
-        paths = [DirectPath(job.scene, job.path[0]) if job.measures_direct else None for job in jobs]
+        paths = [DirectPath(job.scene, job.path[0].position) if job.measures_direct else None for job in jobs]
         before: tuple[HeardSource, ...] = ()
         for index in range(seconds):
             heard = tuple(_hear(*one, index) for one in zip(jobs, sessions, paths, strict=True))
@@ -198,12 +208,12 @@ def _hear_moving(job: AcousticJob, session: AcousticSession, index: int) -> dict
     """The same of a source that moves: it is heard from where it was when the sound left it."""
     pose = job.poses[index]
     # Before the first frame the source stands where it begins.
-    places = [job.path[second] for second in range(max(index - 1, 0), index + 2)]
+    seconds = range(max(index - 1, 0), index + 2)
     found: list[dict[str, NDArray[np.float32]]] = []
-    for place in places:
-        session.move_source(place)
+    for second in seconds:
+        session.move_source(job.place(second))
         found.append(responses_at(session, pose))
-    distances = [math.dist(place, pose.position) for place in places]
+    distances = [math.dist(job.path[second].position, pose.position) for second in seconds]
     recordings = {}
     for name in found[0]:
         responses = [one[name] for one in found]

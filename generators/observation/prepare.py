@@ -77,7 +77,8 @@ class PreparedObservation:
                 room=source.room,
                 samples=source.samples,
                 poses=self.arrangement.poses,
-                path=source.path,
+                path=source.poses,
+                directivity=source.directivity,
                 measures_direct=self.rules.marked_while_audible,
             )
             for source in self.sources

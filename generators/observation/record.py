@@ -16,6 +16,7 @@ from avs3d_bench.contract.schema import (
     AudibleRecord,
     BackgroundRecord,
     DeviceRecord,
+    DirectivityRecord,
     FrameRecord,
     HrtfRecord,
     InstanceRecord,
@@ -113,6 +114,7 @@ def describe_source(source: SoundSource) -> SourceRecord:
         gain_db=source.gain_db,
         asset=source.signal.asset,
         licence=describe_licence(source.signal.licence),
+        directivity=describe_directivity(source),
     )
 
 
@@ -122,6 +124,19 @@ def describe_signal(source: SoundSource) -> SoundRecord:
         asset=source.signal.asset,
         licence=describe_licence(source.signal.licence),
         gain_db=source.gain_db or None,
+        directivity=describe_directivity(source),
+    )
+
+
+def describe_directivity(source: SoundSource) -> DirectivityRecord | None:
+    """The record of a source's directivity; None: it is alike in all directions."""
+    if source.directivity is None:
+        return None
+    terms = source.directivity_licence
+    return DirectivityRecord(
+        name=source.directivity.name,
+        index_db={band: round(value, 2) for band, value in source.directivity.index().items()},
+        licence=None if terms is None else describe_licence(terms),
     )
 
 

@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 from avs3d_bench.contract.schema import Room
 from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.geometry import Pose
+from generators.acoustics.directivity import Directivity
+from generators.acoustics.radiators import modelled
 from generators.assets.sounds import (
     enough,
     load_sound,
@@ -25,7 +28,7 @@ from generators.assets.sounds import (
 from generators.core.freespace import FreeSpace
 from generators.core.scene import Licence, Scene
 from generators.library import open_asset
-from generators.manifest.schema import SoundSpec
+from generators.manifest.schema import SoundSpec, SourceSpec
 from generators.observation.arrangement import Arrangement, draw_instances, file_licence
 from generators.observation.hearing import PRE_ROLL
 from generators.observation.parts import rules_of
@@ -62,6 +65,9 @@ class SoundSource:
         intervals: when it sounds, seconds from the first frame.
         gain_db: level re the common loudness.
         signal: what it plays while it sounds.
+        yaws: how its object is turned about +Y at the times of ``path`` (radians).
+        directivity: in the object's frame; None: alike in all directions.
+        directivity_licence: of the file that it is from, if it is from one.
     """
 
     id: str
@@ -72,6 +78,14 @@ class SoundSource:
     intervals: tuple[Interval, ...]
     gain_db: float
     signal: SourceSignal
+    yaws: tuple[float, ...] = (0.0,)
+    directivity: Directivity | None = None
+    directivity_licence: Licence | None = None
+
+    @property
+    def poses(self) -> tuple[Pose, ...]:
+        """Where it is and how its object is turned, at the times of ``path``."""
+        return tuple(Pose.from_yaw(place, yaw) for place, yaw in zip(self.path, self.yaws, strict=True))
 
     @property
     def position(self) -> Vector:
@@ -106,6 +120,7 @@ def choose_sources(plan: ObservationPlan, home: Scene, arrangement: Arrangement)
     for number, (spec, instance) in enumerate(zip(plan.spec.sounding, instances, strict=True), start=1):
         of_category[spec.category] += 1
         path: tuple[Vector, ...]
+        yaws: tuple[float, ...] = (0.0,)
         if instance is None:
             assert spec.room is not None
             room = spec.room
@@ -116,6 +131,7 @@ def choose_sources(plan: ObservationPlan, home: Scene, arrangement: Arrangement)
             moves = motion is not None and motion.index == instance - 1
             places = motion.seconds if motion and moves else (placements[instance - 1],)
             path = tuple(place.source_position for place in places)
+            yaws = tuple(float(place.yaw) for place in places)
         seconds = float(plan.camera.frames)
         bursts = spec.programme.bursts if spec.programme else None
         rng = plan.rng(f"programme/{number}/{bursts.seed if bursts else 0}")
@@ -129,9 +145,38 @@ def choose_sources(plan: ObservationPlan, home: Scene, arrangement: Arrangement)
                 intervals=intervals_of(spec.programme, seconds, PRE_ROLL, rng),
                 gain_db=spec.gain_db + drawn_level(plan, spec.category, of_category[spec.category]),
                 signal=choose_signal(plan, spec.category, of_category[spec.category]),
+                yaws=yaws,
+                directivity=choose_directivity(plan, spec),
+                directivity_licence=_licence_of_directivity(plan, spec),
             )
         )
     return tuple(sources)
+
+
+def choose_directivity(plan: ObservationPlan, source: SourceSpec) -> Directivity | None:
+    """The directivity of a source in its object's frame; None: it is alike in all directions.
+
+    Raises:
+        Avs3dError: if its file is missing or wrong.
+    """
+    chosen = plan.spec.directivity_of(source)
+    if chosen.file is not None:
+        return _directivity_file(resolve_file(plan.base, chosen.file, f"directivity of {source.category}"))
+    if chosen.cardioid is not None:
+        return Directivity.cardioid(chosen.cardioid, chosen.axis, omni_share=chosen.omni_share)
+    return modelled(source.category) if chosen.word == "auto" else None
+
+
+def _licence_of_directivity(plan: ObservationPlan, source: SourceSpec) -> Licence | None:
+    chosen = plan.spec.directivity_of(source)
+    if chosen.file is None or chosen.licence is None:
+        return None
+    return Licence(chosen.licence.name, chosen.licence.author, chosen.licence.source or chosen.file)
+
+
+@lru_cache(maxsize=4)
+def _directivity_file(path: Path) -> Directivity:
+    return Directivity.sofa(path)
 
 
 def drawn_level(plan: ObservationPlan, category: str, nth: int = 1) -> float:

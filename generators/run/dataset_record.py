@@ -95,6 +95,8 @@ def describe_dataset(
         if record.sound is not None:
             used.append((record.sound.asset, record.sound.licence))
         used += [(source.asset, source.licence) for source in record.sources or ()]
+        directivities = [source.directivity for source in record.sound_sources]
+        used += [(each.name, each.licence) for each in directivities if each is not None and each.licence is not None]
         attributions += [AttributionRecord(asset=asset, **licence.model_dump()) for asset, licence in used]
         if record.acoustics.hrtf is not None:
             attributions.append(record.acoustics.hrtf.attribution)

@@ -8,10 +8,12 @@ import os
 import re
 import subprocess
 import sys
+import tarfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+import soundfile
 
 from avs3d_bench.dataset import Dataset
 from baselines.trivial import write_trivial
@@ -78,6 +80,41 @@ def test_generate_own(tmp_path: Path) -> None:
     low, high = np.array(record.sounding.bounds)
     assert high[1] - low[1] == pytest.approx(0.85, abs=1e-3)
     assert any(frame.visible_pixels for frame in record.frames)
+
+
+def test_moving_source(tmp_path: Path) -> None:
+    pytest.importorskip("numba", reason="the tracer needs the [acoustics] extra")
+    said = run("moving_source.py", "moving.wav", "--seconds", 0.5, folder=tmp_path)
+    first, last = (float(value) for value in re.findall(r"left ear (\S+) dB", said))
+    assert first > 2 > -2 > last  # from the left to the right
+    samples, rate = soundfile.read(tmp_path / "moving.wav")
+    assert (samples.shape, rate) == ((22_050, 2), 44_100)
+
+
+def test_own_room(tmp_path: Path) -> None:
+    pytest.importorskip("trimesh", reason="meshes need the [acoustics] extra")
+    said = run("own_room.py", folder=tmp_path)
+    assert re.search(r"^floor\* +my_carpet +20.0 m²  floor_1$", said, re.M)
+    assert float(re.search(r"1000 Hz: T30 (\S+) s", said)[1]) == pytest.approx(0.6, abs=0.3)  # type: ignore[index]
+    assert (tmp_path / "own_room.wav").is_file()
+    (tmp_path / "wrong.yaml").write_text("'flor*': parquet\n")
+    trimesh = pytest.importorskip("trimesh")
+    trimesh.Scene({"floor": trimesh.creation.box((5, 2.5, 4))}).export(tmp_path / "flat.glb")
+    run("own_room.py", "flat.glb", "wrong.yaml", folder=tmp_path, code=1)
+
+
+def test_many_responses(tmp_path: Path) -> None:
+    pytest.importorskip("numba", reason="the tracer needs the [acoustics] extra")
+    run("many_responses.py", "rirs", "--rooms", 1, "--sources", 2, "--listeners", 2, folder=tmp_path)
+    with tarfile.open(tmp_path / "rirs/rir-000000.tar") as tar:
+        assert tar.getnames() == [f"{n:08d}.{ending}" for n in range(4) for ending in ("npy", "json")]
+
+
+def test_habitat_sensor(tmp_path: Path) -> None:
+    pytest.importorskip("numba", reason="the tracer needs the [acoustics] extra")
+    said = run("habitat_sensor.py", folder=tmp_path)
+    ahead, turned = (float(value) for value in re.findall(r"left − right (\S+) dB", said))
+    assert ahead > 1 > -1 > turned
 
 
 @pytest.mark.slow

@@ -91,16 +91,29 @@ class InstanceRecord(Record):
         return self
 
 
+class DirectivityRecord(Record):
+    """Directivity of a source in the frame of its instance: y up, z to the front; 0 dB on its axis in every octave."""
+
+    left_out: ClassVar[frozenset[str]] = frozenset({"licence"})
+
+    name: Text = Field(description="what it is: a cardioid with its axis, the model of a category, a file's title")
+    index_db: dict[int, float] = Field(
+        description="octave (Hz) → directivity index: level on the axis above that of a point source of the same power"
+    )
+    licence: LicenceRecord | None = Field(default=None, description="of the file that it is from, if it is from one")
+
+
 class SoundRecord(Record):
     """The recording or synthesis that the sounding instance plays."""
 
-    left_out: ClassVar[frozenset[str]] = frozenset({"gain_db"})
+    left_out: ClassVar[frozenset[str]] = frozenset({"gain_db", "directivity"})
 
     asset: Text
     licence: LicenceRecord
     gain_db: float | None = Field(
         default=None, description="level re the common loudness of all sources, dB; absent: 0"
     )
+    directivity: DirectivityRecord | None = Field(default=None, description="absent: alike in all directions")
 
 
 class SourceRecord(Record):
@@ -110,6 +123,8 @@ class SourceRecord(Record):
     has sounded before the first frame as well: its only interval starts at a negative time, the beginning of what is
     simulated.
     """
+
+    left_out: ClassVar[frozenset[str]] = frozenset({"directivity"})
 
     id: SourceId
     instance: Annotated[int, Field(ge=1, le=65535)] | None = Field(
@@ -124,6 +139,7 @@ class SourceRecord(Record):
     gain_db: float = Field(description="level re the common loudness of all sources, dB")
     asset: Text = Field(description="the recording or synthesis that it plays")
     licence: LicenceRecord
+    directivity: DirectivityRecord | None = Field(default=None, description="absent: alike in all directions")
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -487,6 +503,7 @@ class ObservationRecord(Record):
             gain_db=(sound and sound.gain_db) or 0.0,
             asset=sound.asset if sound else "not recorded",
             licence=sound.licence if sound else instance.licence,
+            directivity=sound.directivity if sound else None,
         )
 
     @property

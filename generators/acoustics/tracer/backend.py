@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench import __version__
-from avs3d_bench.contract.schema import Scalar
 from avs3d_bench.errors import Avs3dError
+from generators.acoustics.base import Place
+from generators.acoustics.directivity import Directivity
 from generators.acoustics.geometry import SPEED_OF_SOUND, AcousticMesh, checked_scale
 from generators.acoustics.materials import RESIDUAL
 from generators.acoustics.tracer import air, transmission
@@ -26,6 +27,7 @@ from generators.core.cuda import cuda_version, require_device
 from generators.core.scene import Scene
 
 if TYPE_CHECKING:
+    from avs3d_bench.contract.schema import Scalar
     from generators.acoustics.tracer.receivers.base import Receiver
 
 #: What traces and makes responses.
@@ -86,9 +88,15 @@ class TracerBackend:
         self.device = device
 
     def open(
-        self, scene: Scene, source: tuple[float, float, float], *, room: str, sample_rate: int = 44_100
+        self,
+        scene: Scene,
+        source: Place,
+        *,
+        room: str,
+        sample_rate: int = 44_100,
+        directivity: Directivity | None = None,
     ) -> TracerSession:
-        """Load ``scene`` with a point source at ``source`` (world, metres) standing in ``room``.
+        """Load ``scene`` with a source at ``source`` (world, metres) standing in ``room``.
 
         A scene without acoustic faces is a free field. A mesh may be open: what leaves it is gone.
 
@@ -113,6 +121,7 @@ class TracerBackend:
             settings=self.settings,
             absorption_scale=self.absorption_scale,
             threads=self.threads,
+            directivity=directivity,
         )
 
     def describe(self) -> dict[str, Scalar]:

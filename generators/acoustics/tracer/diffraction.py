@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from generators.acoustics.directivity import Emission
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.tracer.air import energy_exponents
 from generators.acoustics.tracer.arrivals import BANDS, Arrivals
@@ -63,6 +64,7 @@ class LitEdges:
         angle: (E,) of the source from the first face.
         place: (E,) of the source along the edge.
         seen: per edge, whether each of its points is visible from the source; None: not asked yet.
+        emission: what the source sends out in each direction; None: 1 in all.
     """
 
     edges: Edges
@@ -71,11 +73,12 @@ class LitEdges:
     angle: F64
     place: F64
     seen: dict[int, NDArray[np.bool_]]
+    emission: Emission = None
 
 
-def lit_edges(edges: Edges, source: F64) -> LitEdges:
+def lit_edges(edges: Edges, source: F64, emission: Emission = None) -> LitEdges:
     """Prepare the edges for a source."""
-    return LitEdges(edges, source, *edges.cylindrical(source), {})
+    return LitEdges(edges, source, *edges.cylindrical(source), {}, emission)
 
 
 def _points(edges: Edges, e: int) -> F64:
@@ -105,7 +108,7 @@ def diffracted(surfaces: AcousticSurfaces, lit: LitEdges, listener: F64) -> Arri
         taper = 0.5 + 0.5 * math.cos(math.pi * min(max((into_light[e] - _FULL) / (_NONE - _FULL), 0.0), 1.0))
         amplitude = taper * abs(float(cells[:, 0].sum()))
         if amplitude * least > _FAINTEST:
-            found.append((-amplitude, e, _arrivals(edges, e, cells, least, taper, listener)))
+            found.append((-amplitude, e, _arrivals(lit, e, cells, least, taper, listener)))
     used: list[int] = []
     for _, e, _ in sorted(found, key=lambda each: each[:2]):
         if not any(_are_one(edges, e, other) for other in used):
@@ -164,18 +167,22 @@ def _cell_starts() -> F64:
     return np.concatenate([[0.0], np.cumsum(length)[:-1]])
 
 
-def _arrivals(edges: Edges, e: int, cells: F64, least: float, taper: float, listener: F64) -> Arrivals:
+def _arrivals(lit: LitEdges, e: int, cells: F64, least: float, taper: float, listener: F64) -> Arrivals:
     """Arrivals from the integral of each cell: its amplitude, and its amplitude times the place on the edge."""
-    used = np.flatnonzero(np.abs(cells[:, 0]) > 0)
+    edges, used = lit.edges, np.flatnonzero(np.abs(cells[:, 0]) > 0)
     starts, length = _cell_starts()[used], _SHORTEST * 2.0 ** (used // _PER_OCTAVE)
     amplitude = taper * cells[used, 0]
     place = np.clip(cells[used, 1] / cells[used, 0], 0.0, edges.length[e])
-    offset = edges.start[e] + place[:, None] * edges.along[e] - listener
+    point = edges.start[e] + place[:, None] * edges.along[e]
+    offset = point - listener
     direction = offset / np.linalg.norm(offset, axis=1)[:, None]
     # The onset is sharp: its cell is heard at its beginning.
     distance = least + SPEED_OF_SOUND * (starts + np.where(used > 0, length / 2, 0.0))
     heard = length[:, None] * np.array(BANDS) < _COHERENT
     pressure = amplitude[:, None] * heard * np.exp(-0.5 * np.outer(distance, energy_exponents()))
+    if lit.emission is not None:
+        left = point - lit.source
+        pressure *= lit.emission(left / np.linalg.norm(left, axis=1)[:, None])
     # On the shadow's boundary it continues the direct sound, whose wave front is a sphere about the source.
     spherical = np.ones(len(distance), dtype=np.bool_)
     return Arrivals(distance / SPEED_OF_SOUND, direction.astype(np.float32), pressure.astype(np.float32), spherical)

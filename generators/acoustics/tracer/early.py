@@ -17,6 +17,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from generators.acoustics.directivity import Emission
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.tracer.air import energy_exponents
 from generators.acoustics.tracer.arrivals import Arrivals
@@ -24,7 +25,7 @@ from generators.acoustics.tracer.image_paths import visible_images
 from generators.acoustics.tracer.kernels import NEAREST, crossings, specular_planes
 from generators.acoustics.tracer.rays import ray_directions
 from generators.acoustics.tracer.surfaces import AcousticSurfaces, scratch
-from generators.acoustics.tracer.transmission import MOST_WALLS, wall_gain
+from generators.acoustics.tracer.transmission import MOST_WALLS, WallTable, wall_gain
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
@@ -53,6 +54,10 @@ class Images:
         gain: (S, 8) amplitude that the reflections leave, per octave.
         keys: (S,) sorted int64 keys of the sequences (see `trace_late`).
         group: (S,) number of the image's position; images of one position are one sound.
+        mirror: (S, 3, 3) the reflections of directions at the planes of each sequence, the last one first: what leaves
+            the image along d left the source along mirror·d. Empty without an emission.
+        emission: what the source sends out in each direction; None: 1 in all.
+        walls: transmission coefficients, if a material of the scene gives its own.
     """
 
     source: F64
@@ -61,6 +66,9 @@ class Images:
     gain: F64
     keys: NDArray[np.int64]
     group: NDArray[np.int64]
+    mirror: F64
+    emission: Emission = None
+    walls: WallTable | None = None
 
     @property
     def last(self) -> F64:
@@ -69,7 +77,14 @@ class Images:
         return np.asarray(self.positions[np.arange(len(order)), order - 1])
 
 
-def images_of(surfaces: AcousticSurfaces, source: F64, order: int, seed: int, search: Search | None = None) -> Images:
+def images_of(
+    surfaces: AcousticSurfaces,
+    source: F64,
+    order: int,
+    seed: int,
+    search: Search | None = None,
+    emission: Emission = None,
+) -> Images:
     """All candidates of up to ``order`` reflections.
 
     Args:
@@ -79,6 +94,7 @@ def images_of(surfaces: AcousticSurfaces, source: F64, order: int, seed: int, se
         seed: of the rays that look for sequences.
         search: of source, directions (R, 3) and order: the planes (R, order) that specular rays meet, if not by the
             CPU's kernel.
+        emission: what the source sends out in each direction; None: 1 in all.
     """
     sequences = _candidates(surfaces, source, order, seed, search)
     positions = np.zeros((*sequences.shape, 3))
@@ -94,7 +110,21 @@ def images_of(surfaces: AcousticSurfaces, source: F64, order: int, seed: int, se
         positions[has, k] = at[has]
         gain[has] *= amplitude[surfaces.plane_material[plane]]
     keys = np.sort(_keys(sequences, surfaces.planes))
-    return Images(source, sequences, positions, gain, keys, _groups(np.round(at / _SAME_IMAGE).astype(np.int64)))
+    group = _groups(np.round(at / _SAME_IMAGE).astype(np.int64))
+    mirror = np.zeros((0, 3, 3)) if emission is None else _mirrors(surfaces, sequences)
+    return Images(source, sequences, positions, gain, keys, group, mirror, emission, surfaces.walls)
+
+
+def _mirrors(surfaces: AcousticSurfaces, sequences: I32) -> F64:
+    """(S, 3, 3) the reflections of directions at the planes of each sequence, the last one first."""
+    found = np.broadcast_to(np.eye(3), (len(sequences), 3, 3)).copy()
+    for column in sequences.T:
+        has = column >= 0
+        normal = surfaces.plane_equation[column[has], :3]
+        # Times I − 2·n·nᵀ on the right.
+        along = np.einsum("sij,sj->si", found[has], normal)
+        found[has] -= 2 * along[:, :, None] * normal[:, None, :]
+    return found
 
 
 def _groups(rows: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -185,6 +215,11 @@ def early_arrivals(surfaces: AcousticSurfaces, images: Images, listener: F64) ->
     return heard_images(images, listener[None], visible[None], weight[None], np.array([between]), hidden[None])[0]
 
 
+def _through(images: Images, listener: F64, surfaces: int) -> F64:
+    """(8,) amplitude factor of the direct sound through so many surfaces."""
+    return wall_gain(surfaces) if images.walls is None else images.walls.gain(listener, images.source)
+
+
 def heard_images(
     images: Images,
     listeners: F64,
@@ -217,8 +252,8 @@ def heard_images(
     once, parts = once[order], parts[order]
     owner, image = owner[once], image[once]
     through = [
-        np.ones(8) if surfaces == 0 else wall_gain(int(surfaces)) * depth
-        for surfaces, depth in zip(between, hidden, strict=True)
+        np.ones(8) if surfaces == 0 else _through(images, listener, int(surfaces)) * depth
+        for listener, surfaces, depth in zip(listeners, between, hidden, strict=True)
     ]
     direct = np.array(through)
     owner = np.concatenate([np.arange(count), owner])
@@ -231,6 +266,9 @@ def heard_images(
     # Source and listener in one point: the sound comes from somewhere, by convention from −Z.
     direction = np.where(distance[:, None] > 0, offset / np.maximum(distance, 1e-30)[:, None], [0.0, 0.0, -1.0])
     pressure = gain * np.exp(-0.5 * np.outer(distance, energy_exponents())) / np.maximum(distance, NEAREST)[:, None]
+    if images.emission is not None:
+        mirror = np.concatenate([np.broadcast_to(np.eye(3), (count, 3, 3)), images.mirror[image]])[used]
+        pressure *= images.emission(-np.einsum("sij,sj->si", mirror, direction))
     order = np.lexsort((distance, owner))
     time = distance[order] / SPEED_OF_SOUND
     direction, pressure = direction[order].astype(np.float32), pressure[order].astype(np.float32)

@@ -366,6 +366,16 @@ def reflect_energy(
 
 
 @inline
+def emit(emitted: F64, ray: int, energy: F64) -> float:
+    """Fill ``energy`` (8,) with what a ray carries from the source; return the largest of it."""
+    strongest = 0.0
+    for b in range(_BANDS):
+        energy[b] = emitted[ray, b]
+        strongest = max(strongest, energy[b])
+    return strongest
+
+
+@inline
 def write_record(
     records: Records,
     at: int,
@@ -488,6 +498,7 @@ def trace_late(
     mesh: MeshTables,
     source: F64,
     directions: F64,
+    emitted: F64,
     first: int,
     last: int,
     key: NDArray[np.uint64],
@@ -515,6 +526,7 @@ def trace_late(
         mesh: the triangles.
         source: (3,).
         directions: (N, 3) of all rays.
+        emitted: (N, 8) energy that each carries from the source.
         first: the first ray to follow.
         last: the ray at which to stop.
         key: (2,) of the random numbers.
@@ -538,8 +550,7 @@ def trace_late(
     for ray in range(first, last):
         ox, oy, oz = source[0], source[1], source[2]
         dx, dy, dz = directions[ray, 0], directions[ray, 1], directions[ray, 2]
-        for b in range(_BANDS):
-            energy[b] = 1.0
+        strongest = emit(emitted, ray, energy)
         travelled, spherical, sign = 0.0, 0.0, 1.0
         mirrored, sequence, rained = True, 0, False
         for bounce in range(limits.depth + 1):
@@ -569,7 +580,7 @@ def trace_late(
                 mesh, key, limits, ray, bounce, hit, length, ox, oy, oz, dx, dy, dz, spherical, mirrored, sequence,
                 energy,
             )  # fmt: skip
-            if loudest < limits.floor:
+            if loudest <= 0.0 or loudest < limits.floor * strongest:
                 break
     return count
 
@@ -655,6 +666,7 @@ def trace_rain(
     mesh: MeshTables,
     source: F64,
     directions: F64,
+    emitted: F64,
     first: int,
     last: int,
     key: NDArray[np.uint64],
@@ -681,8 +693,7 @@ def trace_rain(
     for ray in range(first, last):
         ox, oy, oz = source[0], source[1], source[2]
         dx, dy, dz = directions[ray, 0], directions[ray, 1], directions[ray, 2]
-        for b in range(_BANDS):
-            energy[b] = 1.0
+        emit(emitted, ray, energy)
         travelled = 0.0
         for bounce in range(limits.rain):
             length, hit = closest(bounds, links, corners, ox, oy, oz, dx, dy, dz, FAR, False, stack, entries)

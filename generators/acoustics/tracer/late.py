@@ -16,6 +16,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from numpy.typing import NDArray
 
+from generators.acoustics.directivity import Emission
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.tracer.air import energy_exponents
 from generators.acoustics.tracer.arrivals import Arrivals
@@ -58,21 +59,29 @@ def trace(
     def late(first: int, last: int, records: Records) -> int:
         near, energy = np.empty(len(listeners), dtype=np.bool_), np.empty(8)
         return trace_late(
-            surfaces.mesh, images.source, directions, first, last, key, around, images.keys, air, limits, records,
-            near, energy, *scratch(),
+            surfaces.mesh, images.source, directions, emitted, first, last, key, around, images.keys, air, limits,
+            records, near, energy, *scratch(),
         )  # fmt: skip
 
     def rain(first: int, last: int, records: Records) -> int:
         return trace_rain(
-            surfaces.mesh, images.source, rain_directions, first, last, key, around, air, limits, records,
+            surfaces.mesh, images.source, rain_directions, rain_emitted, first, last, key, around, air, limits, records,
             np.empty(8), np.empty(8), *scratch(),
         )  # fmt: skip
 
     directions = ray_directions(rays, settings.seed, LATE)
     rain_directions = ray_directions(max(settings.rain_rays, 1), settings.seed, RAIN)
+    emitted, rain_emitted = (emitted_energy(images.emission, each) for each in (directions, rain_directions))
     parts = _in_blocks(rain, settings.rain_rays if settings.rain_order else 0, len(listeners), threads)
     parts += _in_blocks(late, rays, len(listeners), threads)
     return by_listener(parts, len(listeners))
+
+
+def emitted_energy(emission: Emission, directions: F64) -> F64:
+    """(N, 8) energy that rays carry along ``directions`` (N, 3), 1 without a directivity."""
+    if emission is None:
+        return np.ones((len(directions), 8))
+    return np.ascontiguousarray(emission(directions) ** 2)
 
 
 def limits_of(settings: TraceSettings, planes: int) -> TraceLimits:

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose
+from generators.acoustics.base import Place, point_of, pose_of
+from generators.acoustics.directivity import Directivity, Emission, emission_of
 from generators.acoustics.geometry import (
     acoustic_mesh,
     check_free_source,
@@ -63,7 +65,7 @@ class TracerSession:
     def __init__(
         self,
         scene: Scene,
-        source: Position,
+        source: Place,
         room: str,
         sample_rate: int,
         *,
@@ -72,6 +74,7 @@ class TracerSession:
         absorption_scale: float = 1.0,
         threads: int = 1,
         others: Mapping[str, Receiver] | None = None,
+        directivity: Directivity | None = None,
     ) -> None:
         """Prepare the scene; the arguments are those of `TracerBackend`, which checks them, and of its ``open``."""
         self.sample_rate = sample_rate
@@ -84,9 +87,9 @@ class TracerSession:
         )
         self._receiver, self._settings, self._threads = receiver, settings, threads
         self._others = dict(others or {})
-        self._scene = scene.name
+        self._scene, self._directivity = scene.name, directivity
         box = scene.room(room)
-        mesh = acoustic_mesh(scene, source, absorption_scale=absorption_scale)
+        mesh = acoustic_mesh(scene, point_of(source), absorption_scale=absorption_scale)
         self._bounds = mesh.bounds
         self._surfaces = surfaces_of(mesh)
         self._room = box
@@ -97,29 +100,32 @@ class TracerSession:
         self._announced: list[Position] = []
         self._together = _BATCH
         #: The last sources.
-        self._heard: OrderedDict[Position, _Source] = OrderedDict()
+        self._heard: OrderedDict[Pose, _Source] = OrderedDict()
         self._closed = False
         self.move_source(source)
 
-    def move_source(self, source: Position) -> None:
-        """Put the source elsewhere for the responses that follow.
+    def move_source(self, source: Place) -> None:
+        """Put the source elsewhere, or turn it, for the responses that follow.
 
         Raises:
             Avs3dError: if the session is closed, or the source is outside the scene or walled in.
         """
         self._check_open()
-        x, y, z = checked_position(self._scene, "source", source, self._bounds)
-        if (x, y, z) in self._heard:
-            self._source = (x, y, z)
-            self._heard.move_to_end(self._source)
+        x, y, z = checked_position(self._scene, "source", point_of(source), self._bounds)
+        # A source that is alike in all directions is the same one, however it is turned.
+        pose = pose_of((x, y, z)) if self._directivity is None else replace(pose_of(source), position=(x, y, z))
+        if pose in self._heard:
+            self._source = pose
+            self._heard.move_to_end(pose)
             return
         position = np.array((x, y, z))
         if self._bounds is not None:
             views = self._surfaces.first_hits(np.broadcast_to(position, (_VIEWS, 3)), fibonacci_directions(_VIEWS))
-            check_free_source(self._scene, position, float(views.max()), self._room)
-        images = self._images(position)
-        self._source = (x, y, z)
-        self._heard[self._source] = _Source(images, lit_edges(self._surfaces.edges, position), {})
+            check_free_source(self._scene, position, views, self._room)
+        emission = emission_of(self._directivity, pose)
+        images = self._images(position, emission)
+        self._source = pose
+        self._heard[pose] = _Source(images, lit_edges(self._surfaces.edges, position, emission), {})
         if len(self._heard) > _SOURCES:
             self._heard.popitem(last=False)
 
@@ -153,6 +159,15 @@ class TracerSession:
         if not found.pressure.any():
             raise self._nothing_heard(position)
         return found
+
+    def early(self, pose: Pose) -> Arrivals:
+        """The direct sound and the specular reflections at a pose, without a trace; those of `arrivals`.
+
+        Raises:
+            Avs3dError: if the session is closed, or the listener is outside the scene.
+        """
+        self._check_open()
+        return early_arrivals(self._surfaces, self._heard[self._source].images, np.array(self._position(pose)))
 
     def impulse_response(self, pose: Pose) -> NDArray[np.float32]:
         """Response (channels, n) float32 of the receiver at the session's sample rate.
@@ -189,13 +204,14 @@ class TracerSession:
         x, y, z = checked_position(self._scene, "listener", pose.position, self._bounds)
         return x, y, z
 
-    def _images(self, source: NDArray[np.float64]) -> Images:
-        return images_of(self._surfaces, source, self._settings.early_order, self._settings.seed)
+    def _images(self, source: NDArray[np.float64], emission: Emission) -> Images:
+        settings = self._settings
+        return images_of(self._surfaces, source, settings.early_order, settings.seed, emission=emission)
 
     def _nothing_heard(self, position: Position) -> Avs3dError:
         return Avs3dError(
             f"{self._scene}: no sound reaches listener {position} from source "
-            f"{self._source}; the listener is enclosed by faces without an opening"
+            f"{self._source.position}; the listener is enclosed by faces without an opening"
         )
 
     def _batch(self, position: Position) -> list[Position]:

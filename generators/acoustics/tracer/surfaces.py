@@ -14,6 +14,7 @@ from generators.acoustics.tracer.edges import Edges, edges_of
 from generators.acoustics.tracer.kernels import FAR, closest_hits
 from generators.acoustics.tracer.rims import rims_of
 from generators.acoustics.tracer.tables import MeshTables, Rims
+from generators.acoustics.tracer.transmission import WallTable
 from generators.core.bvh import STACK, build
 
 F64 = NDArray[np.float64]
@@ -37,6 +38,7 @@ class AcousticSurfaces:
         plane_area: (P,) m².
         rims: of the mirror planes.
         edges: that diffract.
+        walls: transmission coefficients, if a material gives its own.
     """
 
     mesh: MeshTables
@@ -45,6 +47,7 @@ class AcousticSurfaces:
     plane_area: F64
     rims: Rims
     edges: Edges
+    walls: WallTable | None = None
 
     @property
     def planes(self) -> int:
@@ -100,7 +103,13 @@ def surfaces_of(mesh: AcousticMesh) -> AcousticSurfaces:
     _, first = np.unique(plane[plane >= 0], return_index=True)
     area = np.bincount(plane[plane >= 0], triangle_areas(triangles)[plane >= 0], planes).astype(np.float64)
     return AcousticSurfaces(
-        tables, equation, material[plane >= 0][first], area, rims_of(tables, equation, bounds), edges_of(mesh)
+        tables,
+        equation,
+        material[plane >= 0][first],
+        area,
+        rims_of(tables, equation, bounds),
+        edges_of(mesh),
+        WallTable.of(triangles, material, known),
     )
 
 

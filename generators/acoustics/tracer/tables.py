@@ -67,7 +67,7 @@ class TraceLimits(NamedTuple):
     Attributes:
         depth: most reflections of a ray.
         range: most metres that a ray travels.
-        floor: share of its energy, in its loudest octave, at which a ray ends.
+        floor: share of what it had at first, in its loudest octave, at which a ray ends.
         exact: number of reflections whose scattering is right in each octave; later ones use the mean over the octaves.
         rain: number of the first reflections whose scattered sound is detected by diffuse rain, not by this trace.
         planes: number of mirror planes, for the keys of sequences.

@@ -20,6 +20,7 @@ from generators.acoustics.tracer.kernels import (
     OFFSET,
     closest,
     crossings,
+    emit,
     is_of_another_part,
     may_pass,
     rain_gain,
@@ -95,6 +96,7 @@ def late(  # pragma: no cover  # compiled
     mesh: Any,
     source: Any,
     directions: Any,
+    emitted: Any,
     key: Any,
     listeners: Any,
     known: Any,
@@ -112,6 +114,7 @@ def late(  # pragma: no cover  # compiled
         mesh: and what follows: as for `trace_late`.
         source: (3,).
         directions: (N, 3).
+        emitted: (N, 8).
         key: (2,).
         listeners: L discs.
         known: sorted keys.
@@ -136,12 +139,11 @@ def late(  # pragma: no cover  # compiled
     room = records.path.shape[0]
     share = 4.0 / directions.shape[0]
     ox, oy, oz, dx, dy, dz = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0
-    going = ray < directions.shape[0]
+    going, strongest = ray < directions.shape[0], 0.0
     if going:
         ox, oy, oz = source[0], source[1], source[2]
         dx, dy, dz = directions[ray, 0], directions[ray, 1], directions[ray, 2]
-    for b in range(_BANDS):
-        energy[b] = 1.0
+        strongest = emit(emitted, ray, energy)
     travelled, spherical, sign = 0.0, 0.0, 1.0
     mirrored, sequence, rained = True, 0, False
     bounce = 0
@@ -188,7 +190,7 @@ def late(  # pragma: no cover  # compiled
                     mesh, key, limits, ray, bounce, hit, length, ox, oy, oz, dx, dy, dz, spherical, mirrored,
                     sequence, energy,
                 )  # fmt: skip
-                going = loudest >= limits.floor
+                going = loudest > 0.0 and loudest >= limits.floor * strongest
         bounce += 1
 
 
@@ -197,6 +199,7 @@ def rain(  # pragma: no cover  # compiled
     mesh: Any,
     source: Any,
     directions: Any,
+    emitted: Any,
     key: Any,
     listeners: Any,
     air: Any,
@@ -221,8 +224,7 @@ def rain(  # pragma: no cover  # compiled
     share = 4.0 / directions.shape[0]
     ox, oy, oz = source[0], source[1], source[2]
     dx, dy, dz = directions[ray, 0], directions[ray, 1], directions[ray, 2]
-    for b in range(_BANDS):
-        energy[b] = 1.0
+    emit(emitted, ray, energy)
     travelled = 0.0
     for bounce in range(limits.rain):
         length, hit = closest(bounds, links, corners, ox, oy, oz, dx, dy, dz, FAR, False, stack, entries)

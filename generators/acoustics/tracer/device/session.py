@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.geometry import Pose
+from generators.acoustics.directivity import Emission
 from generators.acoustics.tracer.arrivals import Arrivals
 from generators.acoustics.tracer.device.binaural import DeviceEars
 from generators.acoustics.tracer.device.ears import BinauralReceiver, Ears
@@ -25,7 +26,7 @@ from generators.core.cuda import OutOfDeviceMemoryError, require_device
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 #: Where the source and the listener are, and how the head is turned.
-_Asked = tuple[Position, tuple[float, float, float], tuple[float, float, float, float]]
+_Asked = tuple[Pose, tuple[float, float, float], tuple[float, float, float, float]]
 
 #: Responses that are kept, about 0.3 MB each.
 _KEPT = 512
@@ -65,7 +66,7 @@ class DeviceSession(TracerSession):
         require_device()
         self._on_device: DeviceScene | None = None
         #: The last trace: its source, its listeners, what it found.
-        self._last: tuple[Position, list[Position], DeviceTrace] | None = None
+        self._last: tuple[Pose, list[Position], DeviceTrace] | None = None
         #: None where no sound arrives.
         self._responses: dict[_Asked, F32 | None] = {}
         #: The announced poses with their positions.
@@ -143,9 +144,10 @@ class DeviceSession(TracerSession):
         trace, listeners = self._traced(position)
         return dict(zip(listeners, trace.arrivals(), strict=True))
 
-    def _images(self, source: F64) -> Images:
+    def _images(self, source: F64, emission: Emission) -> Images:
         settings = self._settings
-        return images_of(self._surfaces, source, settings.early_order, settings.seed, self._scene_on_device().search)
+        search = self._scene_on_device().search
+        return images_of(self._surfaces, source, settings.early_order, settings.seed, search, emission)
 
     def _scene_on_device(self) -> DeviceScene:
         if self._on_device is None:

@@ -16,7 +16,7 @@ from generators.acoustics.tracer.device import kernels
 from generators.acoustics.tracer.device.binaural import DeviceEars, DeviceRecords
 from generators.acoustics.tracer.early import MOST_CROSSINGS, Images, heard_images
 from generators.acoustics.tracer.kernels import LATE, RAIN
-from generators.acoustics.tracer.late import by_listener, discs, limits_of
+from generators.acoustics.tracer.late import by_listener, discs, emitted_energy, limits_of
 from generators.acoustics.tracer.rays import key_of, ray_directions
 from generators.acoustics.tracer.settings import TraceSettings
 from generators.acoustics.tracer.surfaces import AcousticSurfaces
@@ -48,9 +48,13 @@ class DeviceScene:
         self._mesh = upload(surfaces.mesh, "the surfaces of the scene")
         self._equation = upload(surfaces.plane_equation, "the surfaces of the scene")
         self._rims = upload(surfaces.rims, "the surfaces of the scene")
-        self._directions = upload(ray_directions(rays, settings.seed, LATE), "the rays")
         self._rained = settings.rain_rays if settings.rain_order else 0
-        self._rain_directions = upload(ray_directions(max(self._rained, 1), settings.seed, RAIN), "the rays")
+        #: Directions of the rays, and of those of diffuse rain.
+        self._host = (
+            ray_directions(rays, settings.seed, LATE),
+            ray_directions(max(self._rained, 1), settings.seed, RAIN),
+        )
+        self._directions, self._rain_directions = (upload(each, "the rays") for each in self._host)
         self._key, self._air = upload(key_of(settings.seed)), upload(energy_exponents())
         self._limits = limits_of(settings, surfaces.planes)
         #: Records per listener, as many as the trace before had.
@@ -93,6 +97,7 @@ class DeviceScene:
         walls, depth = between.copy_to_host(), hidden.copy_to_host()
         around = upload(discs(self._surfaces, listeners, self._settings.radius))
         known = upload(images.keys)
+        emitted, rain_emitted = (upload(emitted_energy(images.emission, each), "the rays") for each in self._host)
 
         def start(room: int) -> tuple[Records, Any, Any, Any]:
             records = Records(
@@ -104,12 +109,12 @@ class DeviceScene:
             ranks, latest = allocate(room, np.int64, "arrivals"), upload(np.zeros(heads))
             count = upload(np.zeros(1, dtype=np.int64))
             launch(
-                kernels.rain, self._rained * heads, self._mesh, source, self._rain_directions, self._key, around,
-                self._air, self._limits, records, ranks, latest, count,
+                kernels.rain, self._rained * heads, self._mesh, source, self._rain_directions, rain_emitted, self._key,
+                around, self._air, self._limits, records, ranks, latest, count,
             )  # fmt: skip
             launch(
-                kernels.late, len(self._directions), self._mesh, source, self._directions, self._key, around, known,
-                self._air, self._limits, records, ranks, self._rained * self._limits.rain, latest, count,
+                kernels.late, len(self._directions), self._mesh, source, self._directions, emitted, self._key, around,
+                known, self._air, self._limits, records, ranks, self._rained * self._limits.rain, latest, count,
                 block=kernels.LATE_BLOCK,
             )  # fmt: skip
             return records, ranks, latest, count

@@ -9,10 +9,11 @@ Reference:
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from avs3d_bench.contract.schema import AmbisonicsRecord, Scalar
 from avs3d_bench.errors import UsageError
 from generators.acoustics.tracer.arrivals import BANDS, Arrivals
 from generators.acoustics.tracer.receivers.synthesis import (
@@ -22,6 +23,9 @@ from generators.acoustics.tracer.receivers.synthesis import (
     response_length,
     synthesise,
 )
+
+if TYPE_CHECKING:
+    from avs3d_bench.contract.schema import Scalar
 
 F64 = NDArray[np.float64]
 
@@ -76,17 +80,18 @@ class Ambisonics:
         if isinstance(order, bool) or not isinstance(order, int) or not 1 <= order <= MOST_ORDER:
             raise UsageError(f"ambisonics: order is {order!r}, expected 1 to {MOST_ORDER}")
         self.order = order
-        self.record = AmbisonicsRecord(order=order)
 
     @property
     def channels(self) -> int:
         """(order + 1)²."""
-        return self.record.channels
+        return (self.order + 1) ** 2
 
     @property
     def channel_names(self) -> tuple[str, ...]:
         """W, Y, Z, X, … in ACN order."""
-        return self.record.channel_names
+        from avs3d_bench.contract.schema import AmbisonicsRecord
+
+        return AmbisonicsRecord(order=self.order).channel_names
 
     def response(self, arrivals: Arrivals, rotation: NDArray[np.float64], sample_rate: int) -> NDArray[np.float32]:
         """Ambisonic response ((order + 1)², m) float32; see `Receiver`. W is the pressure in the free field."""

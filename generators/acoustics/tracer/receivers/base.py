@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench.contract.schema import Scalar
 from generators.acoustics.tracer.arrivals import Arrivals
+
+if TYPE_CHECKING:
+    from avs3d_bench.contract.schema import Scalar
 
 
 class Receiver(Protocol):

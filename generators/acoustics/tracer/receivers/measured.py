@@ -18,13 +18,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.signal import CZT
 
-from avs3d_bench.contract.schema import Scalar
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.text.printable import readable
 from generators.acoustics import hrtf
@@ -44,6 +44,9 @@ from generators.acoustics.tracer.receivers.synthesis import (
     synthesise,
 )
 from generators.core.blas import one_blas_thread
+
+if TYPE_CHECKING:
+    from avs3d_bench.contract.schema import Scalar
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]

@@ -1,10 +1,4 @@
-"""Arrays of omnidirectional microphones that move with the listener, from a small YAML or JSON file.
-
-::
-
-    microphones:
-      - {name: front, position: [0.0, 0.0, -0.05]}
-      - {name: right, position: [0.05, 0.0, 0.0]}
+"""Arrays of omnidirectional microphones that move with the listener.
 
 Positions are metres in the frame of the listener's head: x to the right, y up, −z ahead; the origin is the centre of
 the head. There is no head in the sound field. Each arrival is a plane wave, which is exact enough for an array that is
@@ -14,16 +8,14 @@ small beside the distances to sources and walls.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
-from pydantic import Field, ValidationError, model_validator
+from numpy.typing import ArrayLike, NDArray
 
-from avs3d_bench.contract import layout
-from avs3d_bench.contract.schema import ArrayRecord, MicrophoneRecord, Record, Scalar, describe
-from avs3d_bench.errors import Avs3dError, excerpt
-from avs3d_bench.formats.yamlfile import YamlLimits, read_yaml
+from avs3d_bench.contract.layout import MOST_CHANNELS
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.runtime.imports import import_by_name
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.tracer.arrivals import BANDS, Arrivals
 from generators.acoustics.tracer.receivers.synthesis import (
@@ -34,70 +26,38 @@ from generators.acoustics.tracer.receivers.synthesis import (
     synthesise,
 )
 
+if TYPE_CHECKING:
+    from avs3d_bench.contract.schema import ArrayRecord, Scalar
+
 #: Farthest microphone from the centre of the head (m): beyond, plane waves and the checks of the path say nothing.
 FARTHEST = 1.0
-_EXPECTED = "expected microphones: [{name: TEXT, position: [x, y, z]}, …] in metres"
-
-_Coordinate = Annotated[float, Field(strict=True, ge=-FARTHEST, le=FARTHEST)]
-
-
-class _Microphone(Record):
-    """One microphone: its place in the head's frame in metres, and a name."""
-
-    position: tuple[_Coordinate, _Coordinate, _Coordinate]
-    name: Annotated[str, Field(min_length=1, max_length=60)] | None = None
-
-
-class _ArrayFile(Record):
-    """The file of an array."""
-
-    microphones: Annotated[tuple[_Microphone, ...], Field(min_length=1, max_length=layout.MOST_CHANNELS)]
-
-    @model_validator(mode="after")
-    def _named_once(self) -> _ArrayFile:
-        names = self.names
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise ValueError(f"the name {twice[0]!r} is given to more than one microphone")
-        return self
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """One name per microphone: ``mic_1``, ``mic_2``, … where the file gives none."""
-        return tuple(one.name or f"mic_{number}" for number, one in enumerate(self.microphones, 1))
-
-
-def read_array(path: str | Path) -> ArrayRecord:
-    """The microphones of a file.
-
-    Raises:
-        Avs3dError: one line with the file, the field, what was found and what was expected.
-    """
-    document, _ = read_yaml(path, YamlLimits(bytes=1_000_000, nodes=20_000))
-    if not isinstance(document, dict):
-        raise Avs3dError(f"{path}: is {excerpt(document)}; {_EXPECTED}")
-    try:
-        file = _ArrayFile.model_validate(document)
-    except ValidationError as error:
-        raise Avs3dError(f"{path}: {describe(error)[0]}; {_EXPECTED}") from None
-    places = zip(file.names, file.microphones, strict=True)
-    return ArrayRecord(microphones=tuple(MicrophoneRecord(name=name, position=one.position) for name, one in places))
 
 
 class Array:
     """Omnidirectional microphones at given places.
 
     Args:
-        source: the microphones, or the file that lists them.
+        source: (microphones, 3) positions in the head's frame, metres; or the file that lists them; or its record.
 
     Raises:
-        Avs3dError: as `read_array`.
+        Avs3dError: if positions are not of that shape, not finite or farther than `FARTHEST`; as `read_array`.
+
+    Examples:
+        >>> Array([(-0.1, 0.0, 0.0), (0.1, 0.0, 0.0)]).channel_names
+        ('mic_1', 'mic_2')
     """
 
-    def __init__(self, source: ArrayRecord | str | Path) -> None:
-        self.record = source if isinstance(source, ArrayRecord) else read_array(source)
-        self.positions = np.array([one.position for one in self.record.microphones])
-        self.channel_names = self.record.channel_names
+    def __init__(self, source: ArrayLike | ArrayRecord | str | Path) -> None:
+        if isinstance(source, str | Path):
+            record: ArrayRecord = import_by_name("generators.acoustics.tracer.receivers.array_file:read_array")(source)
+            source = record
+        listed: Any = source  # a record: pydantic, which makes it, is imported by those who have one
+        if hasattr(listed, "microphones"):
+            self.positions = np.array([one.position for one in listed.microphones])
+            self.channel_names: tuple[str, ...] = listed.channel_names
+            return
+        self.positions = _checked_positions(listed)
+        self.channel_names = tuple(f"mic_{number}" for number in range(1, len(self.positions) + 1))
 
     @property
     def channels(self) -> int:
@@ -124,3 +84,33 @@ class Array:
     def describe(self) -> dict[str, Scalar]:
         """The settings that go into observation.json."""
         return {"receiver": "array", "microphones": self.channels}
+
+
+class Omni(Array):
+    """One omnidirectional microphone at the listener's position: 1/r in the free field.
+
+    Examples:
+        >>> Omni().channels
+        1
+    """
+
+    def __init__(self) -> None:
+        super().__init__([(0.0, 0.0, 0.0)])
+        self.channel_names = ("omni",)
+
+    def describe(self) -> dict[str, Scalar]:
+        """The settings that go into the provenance of a response."""
+        return {"receiver": "omni"}
+
+
+def _checked_positions(source: ArrayLike) -> NDArray[np.float64]:
+    expected = f"expected (microphones, 3) metres within {FARTHEST:g} m of the centre, at most {MOST_CHANNELS}"
+    try:
+        positions = np.array(source, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise Avs3dError(f"array: positions {source!r:.60} are no numbers; {expected}") from None
+    if positions.ndim != 2 or positions.shape[1:] != (3,) or not 1 <= len(positions) <= MOST_CHANNELS:
+        raise Avs3dError(f"array: positions have shape {positions.shape}; {expected}")
+    if not (np.abs(positions) <= FARTHEST).all():  # NaN too
+        raise Avs3dError(f"array: positions {positions.tolist()!r:.80} are out of range; {expected}")
+    return positions

@@ -122,11 +122,11 @@ def near_field(radius: float, axes: F64) -> NearField:
 
 
 @lru_cache(maxsize=4)
-def diametral_near_field() -> NearField:
+def diametral_near_field(radius: float = hrtf.HEAD_RADIUS) -> NearField:
     """That of `spherical.SphericalHead`."""
     axes = np.zeros((2, 3))
     axes[:, 0] = hrtf.EAR_AXES
-    return near_field(hrtf.HEAD_RADIUS, axes)
+    return near_field(radius, axes)
 
 
 @lru_cache(maxsize=8)

@@ -1,0 +1,124 @@
+"""Shoeboxes: our engines and pyroomacoustics beside Eyring's formula and exact image sources.
+
+    python -m benchmarks.shoeboxes
+
+pyroomacoustics is measured if it is installed (pip install pyroomacoustics); it is no dependency. All walls of a box
+have one absorption and a scattering of 0.1. "Early" is the largest error of the level (dB) of the first 20 image
+sources, against 1/r·(1 − α)^(n/2)·(1 − s)^(n/2), the engine's scattering taken off; "T30" is the mean of 500 Hz and
+1 kHz over four listeners; "CPU" the seconds of one response after the first, compilation left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from functools import partial
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench.geometry import Pose
+from avs3d_bench.measures.decay import eyring
+from generators import acoustics
+from generators.acoustics.analytic import Box, image_sources
+from generators.acoustics.geometry import SPEED_OF_SOUND
+from generators.acoustics.tracer.air import energy_exponents
+
+F64 = NDArray[np.float64]
+
+RATE, SCATTERING = 44_100, 0.1
+BOXES = (((6.0, 2.7, 4.0), 0.1), ((6.0, 2.7, 4.0), 0.3), ((3.0, 2.4, 2.5), 0.2), ((12.0, 4.0, 9.0), 0.15))
+SOURCE_SHARE = (0.25, 0.55, 0.4)
+LISTENER_SHARES = ((0.7, 0.5, 0.6), (0.55, 0.6, 0.8), (0.8, 0.45, 0.3), (0.4, 0.5, 0.75))
+
+
+def t30_of(samples: F64) -> float:
+    """Mean T30 of 500 Hz and 1 kHz in s."""
+    rir = acoustics.Rir(
+        samples.astype(np.float32), RATE, ("omni",), (0.0, 0.0, 0.0), Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+    )
+    found = rir.t30()
+    return float(np.mean([found[octave] or np.nan for octave in (500, 1000)]))
+
+
+def early_error(arrivals: acoustics.Arrivals, box: Box, source: F64, listener: F64) -> float:
+    """Largest error (dB) at 1 kHz of the specular arrivals among the 20 nearest image sources."""
+    positions, bounces = image_sources(box, source, listener, 3.0 * float(box.size.max()))
+    distance = np.linalg.norm(positions - listener, axis=1)
+    order = np.argsort(distance)[:20]
+    order = order[bounces[order] <= 3]
+    alpha = box.absorption[3]
+    wanted = ((1 - alpha) * (1 - SCATTERING)) ** (bounces[order] / 2) / distance[order]
+    wanted *= np.exp(-0.5 * energy_exponents()[4] * distance[order])
+    early = np.flatnonzero(arrivals.is_spherical)
+    found = []
+    for far in distance[order]:
+        near = early[np.abs(arrivals.time[early] * SPEED_OF_SOUND - far) < 1e-3]
+        found.append(float(arrivals.pressure[near, 4].sum()) / max(len(near), 1))
+    return float(np.abs(20 * np.log10(np.maximum(found, 1e-9) / wanted)).max())
+
+
+def measured(respond: Callable[[F64], F64], listeners: list[F64]) -> tuple[float, float]:
+    """CPU seconds of a response, and the mean T30 in s."""
+    respond(listeners[0])
+    start = time.process_time()
+    responses = [respond(listener) for listener in listeners]
+    return (time.process_time() - start) / len(listeners), float(np.mean([t30_of(each) for each in responses]))
+
+
+def of_engine(engine: acoustics.Engine, room: acoustics.Room, source: F64, receiver: Any, listener: F64) -> F64:
+    """The response of one of our engines."""
+    return np.asarray(engine.response(room, source, listener, receiver).samples, dtype=np.float64)
+
+
+def of_pyroomacoustics(size: F64, alpha: float, source: F64) -> Callable[[F64], F64]:
+    """Responses of pyroomacoustics: images to the third order, then rays, as our tracer does."""
+    import pyroomacoustics
+
+    def respond(listener: F64) -> F64:
+        material = pyroomacoustics.Material(alpha, SCATTERING)
+        room: Any = pyroomacoustics.ShoeBox(
+            size, fs=RATE, materials=material, max_order=3, ray_tracing=True, air_absorption=True
+        )
+        room.set_ray_tracing(receiver_radius=0.35, n_rays=10_000)
+        room.add_source(source)
+        room.add_microphone(listener)
+        room.compute_rir()
+        return np.asarray(room.rir[0][0])[None]
+
+    return respond
+
+
+def main() -> None:
+    """Print one line per box and engine."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.parse_args()
+    print(f"{'box (m)':16} {'α':>5} {'engine':16} {'CPU (s)':>8} {'T30 (s)':>8} {'Eyring':>7} {'early (dB)':>10}")
+    for edges, alpha in BOXES:
+        size = np.array(edges)
+        source, listeners = size * SOURCE_SHARE, [size * share for share in LISTENER_SHARES]
+        room = acoustics.Room.shoebox(size, {"*": {"absorption": alpha, "scattering": SCATTERING}})
+        box = Box((0.0, 0.0, 0.0), (edges[0], edges[1], edges[2]), (alpha,) * 6)
+        closed = eyring(box.volume, box.surface, alpha)
+        tracer = acoustics.Tracer(seed=1)
+        engines: dict[str, Callable[[F64], F64]] = {
+            "Tracer": partial(of_engine, tracer, room, source, acoustics.Omni()),
+            "Analytic": partial(of_engine, acoustics.Analytic(), room, source, None),
+        }
+        if find_spec("pyroomacoustics"):
+            engines["pyroomacoustics"] = of_pyroomacoustics(size, alpha, source)
+        arrivals = tracer.response(room, source, listeners[0], acoustics.Omni()).arrivals
+        assert arrivals is not None
+        early = {"Tracer": early_error(arrivals, box, source, listeners[0])}
+        for name, respond in engines.items():
+            seconds, time_60 = measured(respond, listeners)
+            error = f"{early[name]:10.3f}" if name in early else " " * 10
+            place = "×".join(f"{edge:g}" for edge in edges)
+            print(f"{place:16} {alpha:5.2f} {name:16} {seconds:8.2f} {time_60:8.3f} {closed:7.3f} {error}")
+
+
+if __name__ == "__main__":
+    main()
