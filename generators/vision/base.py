@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,6 +27,10 @@ class RenderedView:
     rgb: NDArray[np.uint8]
     depth: NDArray[np.float32]
     instance_ids: NDArray[np.uint16]
+
+    def _repr_png_(self) -> bytes:
+        """The picture as a notebook shows it."""
+        return cv2.imencode(".png", self.rgb[..., ::-1])[1].tobytes()
 
 
 class VisionSession(Protocol):
