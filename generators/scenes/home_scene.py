@@ -248,7 +248,8 @@ def checked_models(objects: object) -> tuple[Model, ...]:
     Raises:
         UsageError: for anything else.
     """
-    found = (objects,) if isinstance(objects, Model) else tuple(objects) if isinstance(objects, Sequence) else ()
+    some = isinstance(objects, Sequence) and not isinstance(objects, str)
+    found = tuple(objects) if some else (objects,)  # type: ignore[arg-type]  # it is a sequence then
     wrong = [each for each in found if not isinstance(each, Model)]
     if wrong or not found:
         given = wrong[0] if wrong else objects
