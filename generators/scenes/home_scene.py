@@ -216,8 +216,8 @@ class HomeScene(PlacedScene):
         """
         show(self.picture(size), self.name)
 
-    def _repr_png_(self) -> bytes:
-        return self.picture()._repr_png_()
+    def _repr_jpeg_(self) -> bytes:
+        return self.picture()._repr_jpeg_()
 
     def export(self, path: str | Path, *, room: str | None = None) -> Path:
         """Write the scene as a GLB file with the light in its textures, for Blender, Habitat or a browser.
@@ -249,11 +249,11 @@ def checked_models(objects: object) -> tuple[Model, ...]:
         UsageError: for anything else.
     """
     some = isinstance(objects, Sequence) and not isinstance(objects, str)
-    found = tuple(objects) if some else (objects,)  # type: ignore[arg-type]  # it is a sequence then
-    wrong = [each for each in found if not isinstance(each, Model)]
-    if wrong or not found:
-        given = wrong[0] if wrong else objects
-        raise UsageError(f'place: found {excerpt(given)}; expected an object, e.g. objects.build("microwave"), or some')
+    given: list[object] = list(objects) if some else [objects]  # type: ignore[call-overload]  # it is a sequence then
+    found = tuple(each for each in given if isinstance(each, Model))
+    if len(found) < len(given) or not found:
+        wrong = next((each for each in given if not isinstance(each, Model)), objects)
+        raise UsageError(f'place: found {excerpt(wrong)}; expected an object, e.g. objects.build("microwave"), or some')
     return found
 
 

@@ -8,6 +8,8 @@ import tempfile
 import webbrowser
 from pathlib import Path
 
+import cv2
+
 from generators.vision.base import RenderedView
 
 
@@ -27,6 +29,6 @@ def show(view: RenderedView, name: str) -> None:
         return
     folder = Path(tempfile.mkdtemp(prefix="avs3d-"))
     path = folder / f"{re.sub(r'[^A-Za-z0-9_.-]+', '_', name)}.png"
-    path.write_bytes(view._repr_png_())
+    cv2.imwrite(str(path), view.rgb[..., ::-1])
     print(path)
     webbrowser.open(path.as_uri())

@@ -53,8 +53,8 @@ class HeardSound:
 
     def _repr_html_(self) -> str:
         file = io.BytesIO()
-        soundfile.write(file, self.samples.T, self.sample_rate, format="WAV", subtype="PCM_16")
-        return f'<audio controls src="data:audio/wav;base64,{base64.b64encode(file.getvalue()).decode()}"></audio>'
+        soundfile.write(file, self.samples.T, self.sample_rate, format="FLAC", subtype="PCM_16")
+        return f'<audio controls src="data:audio/flac;base64,{base64.b64encode(file.getvalue()).decode()}"></audio>'
 
 
 def hear(

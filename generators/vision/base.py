@@ -28,9 +28,14 @@ class RenderedView:
     depth: NDArray[np.float32]
     instance_ids: NDArray[np.uint16]
 
-    def _repr_png_(self) -> bytes:
+    def __repr__(self) -> str:
+        height, width = self.depth.shape
+        ids = ", ".join(map(str, np.unique(self.instance_ids[self.instance_ids > 0]).tolist()))
+        return f"<RenderedView {width}×{height}, depth up to {self.depth.max():.2f} m, instances {ids or 'none'}>"
+
+    def _repr_jpeg_(self) -> bytes:
         """The picture as a notebook shows it."""
-        return cv2.imencode(".png", self.rgb[..., ::-1])[1].tobytes()
+        return cv2.imencode(".jpg", self.rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 92])[1].tobytes()
 
 
 class VisionSession(Protocol):
