@@ -32,10 +32,10 @@ from generators.acoustics.direct import DirectPath
 from generators.acoustics.materials import material_for, spectral_label
 from generators.core.scene import Part, Scene
 from generators.observation.arrangement import arrange, draw_sounding
-from generators.observation.stage import Stage
 from generators.options import GenerateOptions
 from generators.paths.watcher import line_of_sight
 from generators.plan import ObservationPlan, make_plans, read_manifest
+from generators.scenes.placed import PlacedScene
 
 F64 = NDArray[np.float64]
 
@@ -65,7 +65,7 @@ def observe(plan: ObservationPlan, poses: int, even: bool) -> dict[str, Any]:
     """Both engines at ``poses`` poses of one observation; ``even``: with `even_surfaces`."""
     home = home_of(plan).for_room(plan.spec.room)
     seen = arrange(plan, home)
-    stage = Stage(home, seen.placements, seen.motion)
+    stage = PlacedScene(home, seen.placements, seen.motion)
     source = stage.placement(draw_sounding(plan, seen.placements), 0)
     scene = even_surfaces(stage.scene(0)) if even else stage.scene(0)
     chosen = [seen.poses[k] for k in np.unique(np.linspace(0, len(seen.poses) - 1, poses).round().astype(int))]

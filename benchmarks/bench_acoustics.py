@@ -32,8 +32,8 @@ from generators.assets.sounds import synthesise
 from generators.core.cuda import cuda_problem
 from generators.core.scene import Scene
 from generators.observation.arrangement import arrange, draw_sounding
-from generators.observation.stage import Stage
 from generators.plan import ObservationPlan, make_plans, read_manifest
+from generators.scenes.placed import PlacedScene
 
 Position = tuple[float, float, float]
 
@@ -224,7 +224,7 @@ def spreads_of_rooms() -> dict[str, dict[str, float]]:
         plan = first[name]
         home = home_of(plan).for_room(plan.spec.room)
         seen = arrange(plan, home)
-        stage = Stage(home, seen.placements, seen.motion)
+        stage = PlacedScene(home, seen.placements, seen.motion)
         scene, source = stage.scene(0), stage.placement(draw_sounding(plan, seen.placements), 0).source_position
         pose, room = seen.poses[len(seen.poses) // 2], plan.spec.room
         engine = SoundSpacesBackend().open(scene, source, room=room)

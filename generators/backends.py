@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from avs3d_bench import __version__
-from avs3d_bench.errors import UsageError
+from avs3d_bench.errors import UsageError, did_you_mean, excerpt
 from avs3d_bench.runtime.imports import import_by_name
 from avs3d_bench.runtime.provenance import Provenance, provenance
 from generators.acoustics.base import AcousticBackend, CompiledBackend
@@ -54,7 +54,8 @@ def vision_backend(name: str, device: str = "cpu") -> VisionBackend:
         Avs3dError: if what it needs is not installed.
     """
     if name not in VISION:
-        raise UsageError(f"unknown vision backend {name!r}: expected {_any_of(VISION)}")
+        hint = did_you_mean(name, VISION)
+        raise UsageError(f"unknown vision backend {excerpt(name)}: expected {_any_of(VISION)}{hint}")
     arguments = {"device": device} if device != "cpu" and name in VISION_ON_DEVICE else {}
     backend: VisionBackend = import_by_name(VISION[name])(**arguments)
     return backend
@@ -76,7 +77,8 @@ def acoustic_backend(
     """
     name, receivers = options.engine, options.receivers
     if name not in ACOUSTIC:
-        raise UsageError(f"unknown acoustic backend {name!r}: expected {_any_of(ACOUSTIC)}")
+        hint = did_you_mean(name, ACOUSTIC)
+        raise UsageError(f"unknown acoustic backend {excerpt(name)}: expected {_any_of(ACOUSTIC)}{hint}")
     arguments: dict[str, Any] = {"absorption_scale": absorption_scale}
     if receivers:
         check_engine(name, hrtf=receivers.hrtf or receivers.family or None, **receivers.channels)

@@ -337,13 +337,26 @@ class ObservationPlan:
     @property
     def home_digest(self) -> str:
         """sha256 of all that the lit home depends on; observations with the same value share one entry of the cache."""
-        document: list[Any] = [self.spec.scan, self.scan.identity(), self.light, ""]
+        further: tuple[Any, ...] = ()
         if self.scan.source == "scan":
-            document += [self.options.renderer, self._scan_digests()]
+            further = (self.options.renderer, self._scan_digests())
         elif self.options.device != "cpu":
             # Rays differ by rounding: the bytes are those of this kind of device.
-            document.append(self.backends[f"device {self.options.device}"])
-        return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
+            further = (self.backends[f"device {self.options.device}"],)
+        return home_digest(self.spec.scan, self.scan, self.light, *further)
+
+
+def home_digest(name: str, scan: ScanSpec, light: str, *further: Any) -> str:
+    """sha256 of what a lit home depends on.
+
+    Args:
+        name: of the home.
+        scan: its entry in a manifest.
+        light: quality of its light.
+        further: what else it depends on: the digests of a scan's files, the version of a device.
+    """
+    document = [name, scan.identity(), light, "", *further]
+    return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
 
 def _identities(table: Mapping[str, Sequence[AssetSpec]], used: Iterable[str]) -> dict[str, list[dict[str, Any]]]:

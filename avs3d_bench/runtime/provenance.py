@@ -98,12 +98,14 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
         "generators.library.references",
         "generators.lighting",
         "generators.manifest",
+        "generators.objects",
         "generators.observation",
         "generators.options",
         "generators.paths",
         "generators.placement",
         "generators.plan",
         "generators.scans",
+        "generators.scenes",
         "generators.vision",
     ),
     # The tar of an observation, besides the observation.
@@ -187,6 +189,10 @@ LEFT_OUT = frozenset(
         "evaluators.statistics.sign_flips",
         "evaluators.verify",
         "generators.observation.tar_output",
+        "generators.scenes.home_scene",
+        "generators.scenes.showing",
+        "generators.scenes.sound",
+        "generators.scenes.viewpoints",
     }
 )
 #: Module of a backend → what else only this backend uses.

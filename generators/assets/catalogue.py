@@ -9,7 +9,7 @@ from __future__ import annotations
 from numpy.random import Generator
 
 from avs3d_bench.contract.taxonomy import CATEGORIES, DISTRACTORS, check_category
-from avs3d_bench.errors import UsageError
+from avs3d_bench.errors import UsageError, did_you_mean, excerpt
 from generators.assets.model import Model, framed
 from generators.assets.objects import (
     clock,
@@ -108,7 +108,8 @@ def build_model(category: str, variant: str, rng: Generator) -> Model:
     """
     known = (*variants(category), *training_variants(category))
     if variant not in known:
-        raise UsageError(f"unknown variant {variant!r} of {category}: expected one of {', '.join(known)}")
+        hint = did_you_mean(variant, known)
+        raise UsageError(f"unknown variant {excerpt(variant)} of {category}: expected one of {', '.join(known)}{hint}")
     build = _VARIANTS[category].get(variant) or _FAMILIES[category][variant]
     design = framed(build(rng))
     name = f"{category}/{variant}"

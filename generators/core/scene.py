@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench.errors import Avs3dError
+from avs3d_bench.errors import Avs3dError, did_you_mean, excerpt
 
 F32 = NDArray[np.float32]
 I32 = NDArray[np.int32]
@@ -302,7 +302,9 @@ class Scene:
         for room in self.rooms:
             if room.name == name:
                 return room
-        raise Avs3dError(f"{self.name}: no room {name!r}; it has {', '.join(r.name for r in self.rooms) or 'none'}")
+        known = [room.name for room in self.rooms]
+        hint = did_you_mean(name, known)
+        raise Avs3dError(f"{self.name}: no room {excerpt(name)}; it has {', '.join(known) or 'none'}{hint}")
 
     def is_scan(self, part: Part) -> bool:
         """Whether the textures of ``part`` are pictures of a scan: their light is in them, developed for display."""

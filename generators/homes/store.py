@@ -32,18 +32,45 @@ def open_home(plan: ObservationPlan, folder: Path, *, workers: int = 1) -> Scene
     if plan.scan.source == "scan":
         scene = _open_scan(plan)
     else:
-
-        def build() -> Scene:
-            from generators.apartments.apartment import build_apartment
-            from generators.lighting.bake import bake
-
-            assert plan.scan.seed is not None
-            unlit = build_apartment(plan.spec.scan, plan.scan.seed, workers)
-            return bake(unlit, quality=plan.light, workers=workers, device=plan.options.device)
-
-        scene = cached_scene(folder, plan.home_digest, build, plan.options.device)
+        assert plan.scan.seed is not None
+        scene = lit_apartment(
+            plan.spec.scan,
+            plan.scan.seed,
+            plan.light,
+            folder,
+            key=plan.home_digest,
+            device=plan.options.device,
+            workers=workers,
+        )
     scene.room(plan.spec.room)
     return scene
+
+
+def lit_apartment(
+    name: str, seed: int, light: str, folder: Path, *, key: str, device: str = "cpu", workers: int = 1
+) -> Scene:
+    """A procedural flat with its light, from the cache ``folder``; built, lit and stored there if it is missing.
+
+    Args:
+        name: of the flat; the direction of the sun is drawn from it.
+        seed: of the flat.
+        light: quality of its light.
+        folder: the cache.
+        key: of the flat in the cache: `generators.plan.home_digest`.
+        device: what bakes the light.
+        workers: threads; the flat does not depend on them.
+
+    Raises:
+        Avs3dError: if the cache cannot be written, or CUDA cannot be used.
+    """
+
+    def build() -> Scene:
+        from generators.apartments.apartment import build_apartment
+        from generators.lighting.bake import bake
+
+        return bake(build_apartment(name, seed, workers), quality=light, workers=workers, device=device)
+
+    return cached_scene(folder, key, build, device)
 
 
 def _acoustics(plan: ObservationPlan) -> ScanAcoustics:

@@ -16,13 +16,13 @@ from numpy.random import Generator
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose
-from generators.assets.catalogue import build_model, variants
 from generators.assets.meshfile import CategoryDefaults, load_model, usual_of
 from generators.assets.model import Model
 from generators.core.freespace import Navigable
 from generators.core.scene import Licence, Scene
 from generators.library import open_asset
 from generators.manifest.schema import ObjectSpec, SoundSpec
+from generators.objects import build
 from generators.observation.parts import rules_of
 from generators.paths.motion import Motion, movable, plan_motion
 from generators.paths.trajectory import WalkTask, plan_walk
@@ -190,8 +190,7 @@ def _choose_model(plan: ObservationPlan, category: str, rng: Generator, variant:
         chosen = files[int(rng.integers(len(files)))]
         own = plan.categories.get(category)
         return load_object(plan, category, chosen, float(rng.uniform(*own.height)) if own else None)
-    known = plan.models.get(category) or variants(category)
-    return build_model(category, variant or known[int(rng.integers(len(known)))], rng)
+    return build(category, variant, seed=rng, among=plan.models.get(category, ()))
 
 
 def load_object(plan: ObservationPlan, category: str, chosen: ObjectSpec, height: float | None = None) -> Model:

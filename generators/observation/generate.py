@@ -29,11 +29,11 @@ from generators.observation.mixing import make_background, mix, other_background
 from generators.observation.output import FolderOutput, ObservationOutput
 from generators.observation.prepare import PreparedObservation, prepare_observation
 from generators.observation.record import describe_frame, describe_observation
-from generators.observation.stage import StageRenderer
 from generators.observation.stems import Clip, Stem, audible_sources
 from generators.observation.surface_points import SurfaceSampler
 from generators.observation.writer import ObservationWriter
 from generators.plan import ObservationPlan
+from generators.scenes.renderer import Renderer
 
 Second = TypeVar("Second")
 
@@ -156,8 +156,12 @@ def _hear_and_render(
         hear_in_background(
             hear_sources(prepared.acoustic_jobs, last), plan.options.device, lambda: budget.ask() > 1
         ) as sounds,
-        closing(StageRenderer(prepared.renderer, prepared.stage, prepared.intrinsics)) as camera,
-        closing(camera.frames(kept if renders else {}, writer.add_pictures, lambda: budget.cores)) as views,
+        Renderer(prepared.stage, prepared.renderer, room=plan.spec.room) as camera,
+        closing(
+            camera.frames(
+                kept if renders else {}, prepared.intrinsics, then=writer.add_pictures, cores=lambda: budget.cores
+            )
+        ) as views,
     ):
         for index in range(last):
             # The sound first: its process must start before there are threads.

@@ -15,9 +15,9 @@ from generators.observation.arrangement import Arrangement, arrange
 from generators.observation.hearing import AcousticJob
 from generators.observation.parts import PartRules, rules_of
 from generators.observation.sources import SoundSource, choose_sources
-from generators.observation.stage import Stage
 from generators.placement.placement import Placement
 from generators.plan import ObservationPlan
+from generators.scenes.placed import PlacedScene
 from generators.vision.base import VisionBackend
 from generators.vision.camera import CameraBackend
 
@@ -41,7 +41,7 @@ class PreparedObservation:
     rules: PartRules
     arrangement: Arrangement
     sources: tuple[SoundSource, ...]
-    stage: Stage
+    stage: PlacedScene
     intrinsics: Intrinsics
     renderer: VisionBackend
     engine: AcousticBackend
@@ -118,7 +118,7 @@ def prepare_sources(
         rules=rules_of(plan.spec.part),
         arrangement=arrangement,
         sources=choose_sources(plan, home, arrangement),
-        stage=Stage(home, arrangement.placements, arrangement.motion),
+        stage=PlacedScene(home, arrangement.placements, arrangement.motion),
         intrinsics=Intrinsics.from_fov(plan.camera.size, plan.camera.hfov),
         renderer=renderer,
         engine=engine,

@@ -113,7 +113,7 @@ def plan_walk(task: WalkTask, rng: Generator) -> Walk:
     name, placements, frames, motion = task.site.name, task.placements, task.frames, task.motion
     if not placements or frames < 1:
         raise Avs3dError(f"{name}: {len(placements)} objects and {frames} frames; expected at least one of each")
-    space, caster = _floor(task)
+    space, caster = walkable(task)
     extent = math.tan(math.radians(task.hfov) / 2)
     everyone = watchers(caster, placements, motion, frames=frames, eye=space.floor + task.height, extent=extent)
     chosen = everyone if task.watched is None else tuple(everyone[index] for index in task.watched)
@@ -142,7 +142,7 @@ def plan_walk(task: WalkTask, rng: Generator) -> Walk:
     return Walk(poses, report, (*relaxed, *report.notes))
 
 
-def _floor(task: WalkTask) -> tuple[FreeSpace, RayCaster]:
+def walkable(task: WalkTask) -> tuple[FreeSpace, RayCaster]:
     """The floor on which the agent may walk, and a ray caster of the room with all objects that do not move."""
     site, motion = task.site, task.motion
     standing = [p for index, p in enumerate(task.placements) if motion is None or index != motion.index]

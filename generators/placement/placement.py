@@ -178,8 +178,9 @@ def place(
     rng: Generator,
     rules: Mapping[str, Rule] = RULES,
     span: float = math.inf,
+    there: Sequence[Placement] = (),
 ) -> tuple[Placement, ...]:
-    """Find places for all objects of an observation.
+    """Find places for several objects in a room.
 
     The order of ``models`` does not influence the places: copies of one model are placed first, the others in a random
     order, so that no model is preferred.
@@ -190,6 +191,7 @@ def place(
         rng: the only source of randomness.
         rules: category → its usual places; categories without an entry have those of `Rule`.
         span: largest distance between the centres of any two copies of a model, metres.
+        there: objects that stand in the room already, and stay.
 
     Returns:
         The places, in the order of ``models``.
@@ -206,18 +208,18 @@ def place(
         last = attempt == _ATTEMPTS - 1
         order = sorted(rng.permutation(len(groups)).tolist(), key=lambda number: -len(groups[number]))
         found = {}
-        placed: list[Placement] = []
+        placed = list(there)
         try:
             for number in order:
                 found[number] = placer.copies(models[groups[number][0]], len(groups[number]), placed, rng)
                 placed += found[number]
         except Avs3dError:
             # A model that finds no place in the empty room will not find one later.
-            if last or not placed:
+            if last or not found:
                 raise
             continue
         # Earlier objects may occupy the only places of later ones: they are moved before a constraint is relaxed.
-        if last or not any(placement.relaxed for placement in placed[len(found[order[0]]) :]):
+        if last or not any(placement.relaxed for placement in placed[len(there) + len(found[order[0]]) :]):
             break
     where = {index: place for n, group in enumerate(groups) for index, place in zip(group, found[n], strict=True)}
     return tuple(where[index] for index in range(len(models)))

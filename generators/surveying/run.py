@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats import files
@@ -75,15 +76,15 @@ def survey_scan(request: ScanRequest, command: str) -> ScanOutcome:
         Avs3dError: one line, if the file is no scan of a room, or nothing fits into it.
         UsageError: for a wrong request.
     """
-    mesh = _read(request.file)
-    surveyed = survey(request.file.name, mesh.positions, request.known, gltf=_is_gltf(request.file))
+    mesh = read_file(request.file)
+    surveyed = survey(request.file.name, mesh.positions, request.known, gltf=is_gltf(request.file))
     name = request.name or _slug(request.output.stem)
     document = document_of(name, relative_name(request.file, request.output), surveyed, request.licence)
     if request.surfaces:
         document["scans"][name]["surfaces"] = request.surfaces
     if request.splats is not None:
         document["scans"][name]["splats"] = relative_name(request.splats, request.output)
-    boxes = {room: np.array([surveyed.boxes[n].low, surveyed.boxes[n].high]) for room, n in surveyed.rooms.items()}
+    boxes = rooms_of(surveyed)
     home, sound = read_scan(
         name,
         replace(scan_files_of(request.file.resolve()), splats=request.splats),
@@ -124,7 +125,12 @@ def _doubts(measures: Sequence[RoomMeasures]) -> list[str]:
     return out
 
 
-def _read(file: Path) -> Mesh:
+def rooms_of(surveyed: Survey) -> dict[str, NDArray[np.float64]]:
+    """Room → its box (2, 3): lowest and highest corner, metres."""
+    return {room: np.array([surveyed.boxes[n].low, surveyed.boxes[n].high]) for room, n in surveyed.rooms.items()}
+
+
+def read_file(file: Path) -> Mesh:
     """The mesh as its file has it.
 
     Raises:
@@ -142,7 +148,8 @@ def _read(file: Path) -> Mesh:
     return mesh
 
 
-def _is_gltf(file: Path) -> bool:
+def is_gltf(file: Path) -> bool:
+    """Whether a file is a glTF file, whose format says that Y is up."""
     return file.suffix.lower() in (".glb", ".gltf")
 
 

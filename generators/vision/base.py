@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,6 +27,15 @@ class RenderedView:
     rgb: NDArray[np.uint8]
     depth: NDArray[np.float32]
     instance_ids: NDArray[np.uint16]
+
+    def __repr__(self) -> str:
+        height, width = self.depth.shape
+        ids = ", ".join(map(str, np.unique(self.instance_ids[self.instance_ids > 0]).tolist()))
+        return f"<RenderedView {width}×{height}, depth up to {self.depth.max():.2f} m, instances {ids or 'none'}>"
+
+    def _repr_jpeg_(self) -> bytes:
+        """The picture as a notebook shows it."""
+        return cv2.imencode(".jpg", self.rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 92])[1].tobytes()
 
 
 class VisionSession(Protocol):

@@ -9,7 +9,6 @@ import sys
 import threading
 import time
 from collections.abc import Generator, Iterator
-from contextlib import closing
 from itertools import chain, repeat
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,16 +16,18 @@ from types import SimpleNamespace
 import pytest
 
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.geometry import Intrinsics, Pose
 from avs3d_bench.runtime.ahead import continue_in_fork
 from avs3d_bench.scheduling.local import LocalScheduler, divide
 from avs3d_bench.scheduling.tasks import Context, Policy, Task
+from generators.core.scene import Scene
 from generators.observation import hearing
 from generators.observation.generate import generate_observation
-from generators.observation.stage import MOST_THREADS, StageRenderer
 from generators.observation.writer import ObservationWriter
 from generators.options import GenerateOptions
 from generators.plan import make_plans, read_manifest
 from generators.run import worker as work
+from generators.scenes.renderer import MOST_THREADS, Renderer
 from tests.support.homes import write_manifest
 
 
@@ -67,15 +68,24 @@ class _Drawing:
     def share(self) -> _Drawing:
         return _Drawing(self.counts, self.drawn)
 
-    def render(self, pose: int) -> int:
+    def render(self, pose: Pose) -> int:
         self.counts.append(+1)
         time.sleep(0.02)
         self.drawn.append(sum(self.counts))
         self.counts.append(-1)
-        return pose
+        return int(pose.position[0])
 
     def close(self) -> None:
         pass
+
+
+#: Nothing to draw.
+EMPTY = Scene("empty", (), (), ())
+
+
+def _poses(count: int) -> dict[int, Pose]:
+    """A pose for each second, at x = the second."""
+    return {second: Pose.from_yaw((second, 0, 0), 0.0) for second in range(count)}
 
 
 def test_frames_are_drawn_on_as_many_cores_as_there_are_now() -> None:
@@ -83,10 +93,11 @@ def test_frames_are_drawn_on_as_many_cores_as_there_are_now() -> None:
     at = {0: 1, 10: 2, 20: 3, 30: 99}
     cores = [at[max(start for start in at if start <= n)] for n in range(50)]
     given, finished = iter(cores), list[int]()
-    still = SimpleNamespace(moves=False, scene=lambda _: None)
-    poses = dict(enumerate(range(50)))
-    with closing(StageRenderer(_Drawing([], drawn), still, None)) as camera:  # type: ignore[arg-type]
-        shown = list(camera.frames(poses, lambda second, _: finished.append(second), lambda: next(given)))  # type: ignore[arg-type]
+    with Renderer(EMPTY, _Drawing([], drawn)) as camera:  # type: ignore[arg-type]
+        views = camera.frames(
+            _poses(50), Intrinsics.from_fov(8), lambda second, _: finished.append(second), lambda: next(given)
+        )
+        shown = [int(view) for view in views]  # type: ignore[call-overload]
     assert shown == sorted(finished) == list(range(50))
     assert finished[:10] == list(range(10))
     assert max(drawn[:10]) == 1
@@ -98,9 +109,8 @@ def test_frames_are_drawn_on_fewer_cores_when_they_are_needed_elsewhere() -> Non
     drawn: list[int] = []
     cores = [*repeat(4, 10), *repeat(2, 20), *repeat(3, 15), *repeat(1, 25)]
     given = iter(cores)
-    still = SimpleNamespace(moves=False, scene=lambda _: None)
-    with closing(StageRenderer(_Drawing([], drawn), still, None)) as camera:  # type: ignore[arg-type]
-        assert list(camera.frames(dict(enumerate(range(70))), lambda *_: None, lambda: next(given))) == list(range(70))  # type: ignore[arg-type]
+    with Renderer(EMPTY, _Drawing([], drawn)) as camera:  # type: ignore[arg-type]
+        assert list(camera.frames(_poses(70), Intrinsics.from_fov(8), cores=lambda: next(given))) == list(range(70))
     # Frames that were begun before the change, at most two per thread, are still drawn as before.
     assert max(drawn[:10]) == 4
     assert max(drawn[20:30]) == 2

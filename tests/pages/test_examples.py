@@ -11,6 +11,7 @@ import sys
 import tarfile
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import soundfile
@@ -115,6 +116,42 @@ def test_habitat_sensor(tmp_path: Path) -> None:
     said = run("habitat_sensor.py", folder=tmp_path)
     ahead, turned = (float(value) for value in re.findall(r"left − right (\S+) dB", said))
     assert ahead > 1 > -1 > turned
+
+
+@pytest.mark.slow
+def test_hello_home(tmp_path: Path) -> None:
+    pytest.importorskip("trimesh", reason="the generator needs the [generate] extra")
+    said = run("hello_home.py", "hello", "--light", "preview", "--size", 96, folder=tmp_path)
+    share = re.search(r"the microwave fills (\S+)% of the picture", said)
+    assert share
+    assert 2 < float(share[1]) < 60
+    picture = cv2.imread(str(tmp_path / "hello/picture.png"))
+    assert picture is not None
+    assert picture.shape == (96, 96, 3)
+    assert 50 < picture.mean() < 220
+    samples, rate = soundfile.read(tmp_path / "hello/sound.wav")
+    assert (samples.shape, rate) == ((4 * 44_100, 2), 44_100)
+    assert 0.003 < np.abs(samples).max() < 1
+
+
+@pytest.mark.slow
+def test_the_notebook_of_a_home_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("trimesh", reason="the generator needs the [generate] extra")
+    nbformat = pytest.importorskip("nbformat", reason="notebooks are run with nbclient, of the [dev] extra")
+    nbclient = pytest.importorskip("nbclient", reason="notebooks are run with nbclient, of the [dev] extra")
+    pytest.importorskip("ipykernel", reason="notebooks are run in ipykernel, of the [dev] extra")
+    monkeypatch.setenv("AVS3D_LIGHT", "preview")
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    notebook = nbformat.read(EXAMPLES / "hello_home.ipynb", as_version=4)
+    for cell in notebook.cells:
+        cell.source = cell.source.replace("(384)", "(96)")
+    nbclient.NotebookClient(
+        notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}
+    ).execute()
+    data = [output.get("data", {}) for cell in notebook.cells for output in cell.get("outputs", [])]
+    assert sum("image/jpeg" in each for each in data) == 3
+    assert sum("<audio" in each.get("text/html", "") for each in data) == 1
+    assert (tmp_path / "home.glb").stat().st_size > 1_000_000
 
 
 @pytest.mark.slow

@@ -25,9 +25,18 @@ PUBLIC = {
     "evaluators": {"evaluate", "check", "metrics", "check_submission", "open_submission", "write_report"}
     | {"InvalidSubmission", "write_leaderboard"},
     "evaluators.metrics": {"evaluate", "Accumulator", "avsbench", "ref_avs", "avss", "combo", "pointing"},
-    "generators": {"read_manifest", "generate", "acoustics"},
     "generators.acoustics": {"Room", "Tracer", "SoundSpaces", "Analytic", "Rir", "SphericalHead", "SofaHead", "Omni"}
     | {"Ambisonics", "Array", "Arrivals", "Directivity", "habitat"},
+    "generators": {
+        "read_manifest",
+        "generate",
+        "acoustics",
+        "Home",
+        "HomeScene",
+        "Renderer",
+        "RenderedView",
+        "objects",
+    },
     "baselines": {"echosegnet", "oracle", "trivial", "owod_bind", "denseav", "listener"},
     "baselines.echosegnet": {"write_echosegnet", "Settings", "predict"},
     "baselines.owod_bind": {"write_owod_bind", "load_owod_bind"},
