@@ -161,7 +161,7 @@ HOUSE = {
         "homes",
         "run": "core assets vision acoustics options backends scans manifest library plan homes observation",
         "sampling": "core assets options apartments placement paths manifest library plan observation",
-        "surveying": "core assets scans vision options placement manifest plan observation sampling",
+        "surveying": "core assets scans vision options placement manifest library plan observation sampling",
         "cli": "core options manifest plan run",
         "sealing": "options backends manifest plan observation run sampling cli",
     },
