@@ -16,7 +16,7 @@ SUFFIXES = (".glb", ".gltf", ".obj", ".ply")
 #: Other files that scanning apps write, and what to do with them.
 OTHERS = {
     ".usdz": "export the scan as GLB, or open it in Blender and save it as GLB",
-    ".zip": "unpack it and name the .obj or .glb inside; its material library and textures must stay beside it",
+    ".zip": "avs3d scan unpacks it; elsewhere unpack it yourself, keep its files together and name the .obj or .glb",
     ".fbx": "export the scan as GLB, or open it in Blender and save it as GLB",
     ".dae": "export the scan as GLB, or open it in Blender and save it as GLB",
     ".stl": "it has no colours: export the scan as GLB with its texture",

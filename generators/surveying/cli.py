@@ -117,10 +117,11 @@ def scan(
     replace: bool,
     **known: Any,
 ) -> None:
-    """Turn the scan of a room or flat in FILE (GLB, glTF, OBJ, PLY) into a manifest that avs3d generate takes.
+    """Turn the scan of a room or flat in FILE (GLB, glTF, OBJ, PLY or a ZIP) into a manifest that avs3d generate takes.
 
     Finds which way is up, the turn of the walls, the unit, the rooms, and what fits into them; says what it guessed and
-    draws it on a page beside the manifest. Nothing of the scan is copied or changed.
+    draws it on a page beside the manifest. A ZIP is unpacked beside it; otherwise nothing of the scan
+    is copied or changed.
     """
     os.environ.update(ONE_THREAD)
     from generators.surveying.run import ScanRequest, survey_scan

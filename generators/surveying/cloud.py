@@ -59,6 +59,10 @@ class SurfaceCloud:
         """The points of a mask (P,)."""
         return SurfaceCloud(self.points[keep], self.normals[keep], self.area[keep])
 
+    def turned_out(self) -> SurfaceCloud:
+        """The cloud with its normals the other way round."""
+        return SurfaceCloud(self.points, -self.normals, self.area)
+
     def thinned(self, most: int) -> SurfaceCloud:
         """Every n-th point, so that about ``most`` are left; the areas are not changed."""
         step = max(1, len(self.points) // most)

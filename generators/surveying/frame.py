@@ -158,6 +158,12 @@ def _plane(cloud: SurfaceCloud, level: NDArray[np.bool_], middle: float, width: 
     return float(quantiles(height, area, [0.5])[0]), float(area.sum())
 
 
+def faces_down(cloud: SurfaceCloud, levels: Levels) -> bool:
+    """Whether most of the floor faces down: the faces of the file are wound the other way round."""
+    own = (np.abs(cloud.normals[:, 1]) >= LEVEL) & (np.abs(cloud.points[:, 1] - levels.floor) <= 0.03 * levels.height)
+    return float((np.sign(cloud.normals[own, 1]) * cloud.area[own]).sum()) < 0
+
+
 def find_tilt(cloud: SurfaceCloud, levels: Levels) -> float:
     """Angle between the floor and the level, degrees: of the plane through the floor's points; 0 without a floor."""
     near = 0.03 * levels.height

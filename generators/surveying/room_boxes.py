@@ -6,7 +6,7 @@
 2. Rooms. The inside without the walls is eroded, so that narrow passages break; each connected rest is a room and gets
    back the cells that are nearest to it.
 3. Boxes. A room that fills most of its bounding rectangle has this one, an L-shaped one the largest rectangle in it.
-   Each side is then moved to the plane in which most of the wall's surface lies nearby.
+   Each side is then moved to the wall (box_sides.py).
 
 Coordinates are metres, Y up, walls parallel to the axes.
 """
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from generators.scans.layers import largest_rectangle
+from generators.surveying.box_sides import behind_things, to_walls
 from generators.surveying.cloud import SurfaceCloud, quantiles
 from generators.surveying.frame import LEVEL, Levels
 
@@ -49,8 +50,6 @@ NARROWEST, SMALLEST = 1.2, 2.0
 _SEEN, _REACH = 0.8, 1.6
 #: A room with at least this share of its bounding rectangle is a rectangle.
 _FULL = 0.9
-#: How far a side is moved to a wall at most, and to one of either winding (m).
-_SNAP, _SNAP_CELL = 0.3, 0.08
 _MARGIN = 0.5
 
 
@@ -167,7 +166,7 @@ def _boxes(cloud: SurfaceCloud, levels: Levels, plan: WallPlan, neck: float) -> 
         (first, last), part = box
         low, high = plan.origin + np.array(first) * CELL, plan.origin + np.array(last) * CELL
         own = plan.seen[first[0] : last[0], first[1] : last[1]]
-        out.append((_snapped(cloud, levels, low, high, part), float(own.mean())))
+        out.append((_snapped(cloud, levels, plan, low, high, part), float(own.mean())))
     good = [pair for pair in out if min(pair[0].high[k] - pair[0].low[k] for k in (0, 2)) >= NARROWEST]
     good = sorted((pair for pair in good if pair[0].area >= SMALLEST), key=lambda pair: (-pair[0].area, pair[0].low))
     return tuple(box for number, (box, seen) in enumerate(good) if number == 0 or seen >= _SEEN)
@@ -207,41 +206,19 @@ def _rectangle(region: Mask) -> tuple[tuple[tuple[int, int], tuple[int, int]], b
     return ((row, column), (row + rows, column + columns)), True
 
 
-def _snapped(cloud: SurfaceCloud, levels: Levels, low: Array, high: Array, part: bool) -> RoomBox:
+def _snapped(cloud: SurfaceCloud, levels: Levels, plan: WallPlan, low: Array, high: Array, part: bool) -> RoomBox:
     """The rectangle (x, z) with its sides moved to the walls, from the floor to the ceiling that it has."""
-    sides = [[float(low[0]), float(low[1])], [float(high[0]), float(high[1])]]
-    tall = (cloud.points[:, 1] >= levels.floor + 1.2) & (cloud.points[:, 1] <= levels.ceiling)
-    cloud_of_walls = cloud.where(tall)
-    for end, inward in ((0, 1.0), (1, -1.0)):
-        for axis, column in ((0, 0), (1, 2)):
-            other, across = 1 - axis, 2 - column
-            values, along = cloud_of_walls.points[:, column], cloud_of_walls.points[:, across]
-            facing = cloud_of_walls.normals[:, column] * inward
-            within = (along >= low[other]) & (along <= high[other])
-            off = np.abs(values - sides[end][axis])
-            # Usually the plan is right to a cell. Farther away, only what faces the room counts, or the next room's
-            # side of a thin wall would.
-            for own in (
-                within & (off <= _SNAP_CELL) & (np.abs(facing) >= LEVEL),
-                within & (off <= _SNAP) & (facing >= LEVEL),
-            ):
-                plane = _wall_plane(values[own], cloud_of_walls.area[own])
-                if plane is not None:
-                    sides[end][axis] = plane
-                    break
-    return _between(cloud, levels, sides, part)
-
-
-def _wall_plane(values: Array, area: Array, least: float = 0.4) -> float | None:
-    """Where along an axis most of the wall's surface lies; None if there is less than ``least`` m² of it."""
-    if area.sum() < least:
-        return None
-    bins = np.floor(values / 0.02).astype(np.int64)
-    first = int(bins.min())
-    wide = np.convolve(np.bincount(bins - first, weights=area), np.ones(3), mode="same")
-    middle = (int(np.argmax(wide)) + first + 0.5) * 0.02
-    near = np.abs(values - middle) <= 0.05
-    return float(quantiles(values[near], area[near], [0.5])[0])
+    sides = np.array([low, high])
+    below = levels.ceiling - cloud.points[:, 1]
+    walls = cloud.where((cloud.points[:, 1] >= levels.floor + 1.2) & (below >= 0))
+    tops = cloud.where((below >= WALL_BAND[0]) & (below <= WALL_BAND[1]))
+    to_walls(walls, sides)
+    # A side that is moved makes others longer, and they may be no wall then.
+    for _ in range(3):
+        if not behind_things(tops, plan.seen, plan.origin, CELL, sides):
+            break
+        to_walls(walls, sides)
+    return _between(cloud, levels, sides.tolist(), part)
 
 
 def _between(cloud: SurfaceCloud, levels: Levels, sides: Sequence[Sequence[float]], part: bool) -> RoomBox:

@@ -25,6 +25,7 @@ from generators.surveying.fitting import FittingObservations, ScanFitting
 from generators.surveying.measures import RoomMeasures, measure
 from generators.surveying.page import scan_page
 from generators.surveying.survey import KnownFrame, Survey, survey
+from generators.surveying.unpacking import unpacked
 from generators.vision.splats.backend import read_cloud
 
 #: Walkable floor of a room (m²), share of holes in it, and share of open directions that are worth a warning.
@@ -52,6 +53,11 @@ class ScanRequest:
         return self.output.with_suffix(".html")
 
     @property
+    def unpacked(self) -> Path:
+        """The folder beside the manifest to which a ZIP is unpacked."""
+        return self.output.with_suffix(".scan")
+
+    @property
     def next_commands(self) -> tuple[str, ...]:
         """What the user types next, in the folder of this call."""
         folder = shlex.quote(str(self.output.with_suffix("")))
@@ -72,10 +78,18 @@ class ScanOutcome:
 def survey_scan(request: ScanRequest, command: str) -> ScanOutcome:
     """Survey a scan, write its page and its manifest; ``command``: the manifest's first line.
 
+    A ZIP is unpacked to `ScanRequest.unpacked`.
+
     Raises:
         Avs3dError: one line, if the file is no scan of a room, or nothing fits into it.
         UsageError: for a wrong request.
     """
+    with unpacked(request.file, request.unpacked) as file:
+        return _survey_mesh(replace(request, file=file), command)
+
+
+def _survey_mesh(request: ScanRequest, command: str) -> ScanOutcome:
+    """Survey a mesh file, and write the page and the manifest."""
     mesh = read_file(request.file)
     surveyed = survey(request.file.name, mesh.positions, request.known, gltf=is_gltf(request.file))
     name = request.name or _slug(request.output.stem)
@@ -138,7 +152,7 @@ def read_file(file: Path) -> Mesh:
     """
     if not file.is_file():
         what = "is a folder" if file.is_dir() else "does not exist"
-        raise Avs3dError(f"{file}: {what}; expected a mesh: {', '.join(SUFFIXES)}")
+        raise Avs3dError(f"{file}: {what}; expected a mesh: {', '.join(SUFFIXES)}, or a .zip of one")
     mesh = load_mesh(file, acoustic=DEFAULT_LABEL, twin="surface", max_acoustic_faces=sys.maxsize)
     if all(material.texture is None for material in mesh.materials) and len({m.colour for m in mesh.materials}) == 1:
         raise Avs3dError(

@@ -23,6 +23,7 @@ from generators.surveying.frame import (
     FRONT,
     UNITS,
     Levels,
+    faces_down,
     find_levels,
     find_scale,
     find_tilt,
@@ -148,6 +149,8 @@ def survey(name: str, triangles: F32, known: KnownFrame = KnownFrame(), *, gltf:
         warnings.append(f"floating pieces away from the rest are left out of the survey ({share:.1%} of the surface)")
         cloud = cloud.where(~junk)
     levels = find_levels(cloud)
+    if faces_down(cloud, levels):
+        cloud = cloud.turned_out()
     plan = draw_plan(cloud, levels)
     boxes = find_boxes(cloud, levels, plan, known.rooms.count)
     if not boxes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 import trimesh
 
 from avs3d_bench.cli import main
+from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.gaussian_ply import write_gaussians
 from generators.assets.meshfile import load_mesh
 from generators.core.boxes import yaw_matrix
@@ -22,9 +24,11 @@ from generators.plan import make_plans
 from generators.surveying.document import relative_name
 from generators.surveying.fitting import ScanFitting
 from generators.surveying.page import rows_of
+from generators.surveying.unpacking import unpacked
 from tests.support import browser
 from tests.support.captured import gaussians
 from tests.support.made_rooms import ROOMS, flat, write_mesh
+from tests.support.scan_like import png
 
 
 def scan(*words: object) -> int:
@@ -204,6 +208,57 @@ def test_one_line_for_what_is_refused(
     assert len(said) == 1
     assert line in said[0]
     assert not list(tmp_path.glob("out.*")), "something half-written is left"
+
+
+def zipped(target: Path, members: dict[str, bytes]) -> Path:
+    with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in members.items():
+            archive.writestr(name, data)
+    return target
+
+
+def test_a_zip_of_an_app_is_unpacked_once(tmp_path: Path) -> None:
+    """An OBJ with its MTL and picture in a folder, and what macOS adds."""
+    corners = "".join(f"v {x} 0 {z}\nvt {x} {z}\n" for x, z in ((0, 0), (1, 0), (0, 1)))
+    members = {
+        "my scan/textured.obj": f"mtllib textured.mtl\nusemtl a\n{corners}f 1/1 2/2 3/3\n".encode(),
+        "my scan/textured.mtl": b"newmtl a\nmap_Kd textured.png\n",
+        "my scan/textured.png": png(np.full((4, 4, 3), 90, dtype=np.uint8)),
+        "__MACOSX/my scan/._textured.obj": b"attributes",
+    }
+    room, place = zipped(tmp_path / "room.zip", members), tmp_path / "new" / "room.scan"
+    for _ in range(2):
+        with unpacked(room, place) as mesh:
+            assert mesh == place / "my scan" / "textured.obj"
+            assert load_mesh(mesh).materials[0].texture is not None
+    (place / "notes.txt").write_text("mine")
+    with pytest.raises(Avs3dError, match=r"room\.scan: holds something else than"), unpacked(room, place):
+        pass
+    assert (place / "notes.txt").read_text() == "mine"
+    assert list(place.parent.iterdir()) == [place]
+
+
+@pytest.mark.parametrize(
+    ("members", "line"),
+    [
+        ({"a.usdz": b"PK", "b.jpg": b""}, "holds no mesh (.glb, .gltf, .obj, .ply), only .jpg, .usdz"),
+        ({"a.obj": b"v 0 0 0", "b/c.obj": b"v 0 0 0"}, "holds 2 meshes ('a.obj', 'b/c.obj'); expected one"),
+        ({"a.obj": b"mtllib a.mtl\n"}, "its material library 'a.mtl' is missing"),
+        ({"../a.obj": b""}, "points outside of it"),
+        ({"a.obj": b"0" * 20_000_000}, "times its size"),
+        ({}, "the archive is empty"),
+    ],
+    ids=["no mesh", "two meshes", "no library", "outside", "bomb", "empty"],
+)
+def test_a_zip_that_holds_no_scan_is_one_line_and_leaves_nothing(
+    members: dict[str, bytes], line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    room = zipped(tmp_path / "room.zip", members)
+    assert scan(room, "-o", tmp_path / "out.yaml") != 0
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1
+    assert line in said[0]
+    assert list(tmp_path.iterdir()) == [room]
 
 
 def test_turn_and_scale_count_in_a_digest_only_where_they_are_set() -> None:

@@ -167,6 +167,18 @@ def test_a_beam_on_a_pillar_is_no_wall() -> None:
     assert box.area == pytest.approx(20.0, abs=0.5)
 
 
+def test_things_on_wardrobes_are_no_wall() -> None:
+    """Boxes of unequal depth up to the ceiling, in a row along a wall."""
+    room = ((0.0, 0.0, 0.0), (3.0, 2.5, 4.0))
+    wardrobe = solid(((0.0, 0.0, 3.4), (3.0, 2.05, 4.0)))
+    depths = (0.6, 0.4, 0.55, 0.3, 0.5, 0.58)
+    boxes = [solid(((0.5 * k, 2.05, 3.98 - d), (0.5 * k + 0.45, 2.46, 3.98))) for k, d in enumerate(depths)]
+    for triangles in (whole := np.concatenate([shell(room), wardrobe, *boxes]), whole[:, ::-1]):
+        (box,) = look(triangles, gltf=True).boxes
+        assert box.low == pytest.approx(room[0], abs=0.02)
+        assert box.high == pytest.approx(room[1], abs=0.02)
+
+
 def test_what_is_seen_through_a_door_is_no_room() -> None:
     rooms = flat(("living_room", "kitchen"))
     assert len(look(rooms, gltf=True).boxes) == 2

@@ -13,7 +13,6 @@ from generators.core.boxes import yaw_matrix
 from generators.core.scene import Room
 from generators.surveying.survey import KnownFrame, RoomChoice, Survey, survey
 from tests.support import scan_like
-from tests.support.flats import without_small_things
 
 Array = NDArray[np.float64]
 #: Seeds of flats of five and of four rooms.
@@ -24,11 +23,8 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module", params=SEEDS)
 def fused(request: pytest.FixtureRequest) -> tuple[Array, tuple[Room, ...]]:
-    """(F, 3, 3) triangles of a flat, and its rooms.
-
-    Without small things: with them, one room of each of these flats comes out up to 60 cm too small.
-    """
-    home = without_small_things(build_apartment("flat", request.param, plain=True))
+    """(F, 3, 3) triangles of a flat, and its rooms."""
+    home = build_apartment("flat", request.param, plain=True)
     mesh = scan_like.fuse(home, np.random.default_rng(0), noise=0.004, edge=0.3, texel=0.1)
     return mesh.vertices[mesh.faces], home.rooms
 
