@@ -135,7 +135,7 @@ class Results:
     def sound_controls(self) -> str:
         """The listener with another sound in place of its own."""
         rows = sound_rows.controls_table(self.json("listener-sounds")["controls"])
-        return text(["`--sound`", "part_1", "part_2", "listen, twins", "listen, all pairs"], rows)
+        return text(["`--sound`", "part_1", "part_2", "listen, twins", "listen, all pairs", "listen, IoU"], rows)
 
     def echosegnet_sounds(self) -> str:
         """EchoSegnet with another sound in place of its own, part_2."""

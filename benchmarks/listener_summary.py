@@ -114,7 +114,7 @@ def settings_lines(rows: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> list[
 
 
 def summary(output: Path) -> str:
-    """The headline figures as Markdown: a table, and how its rows were made.
+    """The headline figures as Markdown: a table, the versions of its datasets, and how its rows were made.
 
     Args:
         output: folder of the scores.
@@ -133,7 +133,12 @@ def summary(output: Path) -> str:
     head = ["method", *SUMMARY.values(), f"{SCENES}, all pairs", f"{SCENES}, twins"]
     labels = [*dict.fromkeys(dataset for dataset, _ in SUMMARY), SCENES]
     made = {name: {label: document["rows"][f"{label}-{name}"]["settings"] for label in labels} for name in SUMMARY_ROWS}
-    return "\n".join([*table(head, rows), *settings_lines(made)]).rstrip()
+    versions = [_version(_scores(output, label, SUMMARY_ROWS[0])) for label in labels]
+    return "\n".join([*table(head, rows), f"Measured on {', '.join(versions)}.", "", *settings_lines(made)]).rstrip()
+
+
+def _version(scores: Scores) -> str:
+    return f"`{scores.submission.dataset}` {scores.submission.dataset_version}"
 
 
 def _scores(output: Path, label: str, name: str) -> Scores:

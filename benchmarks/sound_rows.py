@@ -1,7 +1,8 @@
 """`python -m benchmarks.sound_rows ROW=SCORES.json … -o FILE.json`: figures of one method with different sounds.
 
-A row is a name and a file of scores. What is kept: strict IoU by part and by category, and under ``listen`` the pair
-accuracy by kind of pair, with their intervals. docs/results/listener-sounds.json is such a file.
+A row is a name and a file of scores. What is kept: the dataset and its version, the number of observations, strict IoU
+by part and by category, and under ``listen`` the pair accuracy by kind of pair, with their intervals.
+docs/results/listener-sounds.json is such a file.
 """
 
 from __future__ import annotations
@@ -21,10 +22,14 @@ _LISTEN = ("pair_accuracy", *PAIR_KINDS, "IoU", "FP_rate")
 
 
 def row_of(scores: Scores) -> dict[str, Any]:
-    """The figures of a file of scores: part or category → metric → {"value", "interval"}."""
+    """The figures of a file of scores: part or category → metric → {"value", "interval"}; and what was scored."""
     groups: dict[str, GroupScores] = {str(name): group for name, group in scores.parts.items()}
     groups |= {str(name): group for name, group in scores.categories.items()}
-    return {name: found for name, group in groups.items() if (found := _figures(group))}
+    kept: dict[str, Any] = {name: found for name, group in groups.items() if (found := _figures(group))}
+    return kept | {
+        "dataset": f"{scores.submission.dataset} {scores.submission.dataset_version}",
+        "observations": scores.overall.observations,
+    }
 
 
 def _figures(group: GroupScores) -> dict[str, Any]:
@@ -47,12 +52,12 @@ def sounds_table(rows: Mapping[str, Any]) -> list[list[str]]:
 
 
 def controls_table(rows: Mapping[str, Any]) -> list[list[str]]:
-    """Rows of the controls: strict IoU of both parts; under ``listen`` twins and all pairs."""
+    """Rows of the controls: strict IoU of both parts; under ``listen`` twins, all pairs and IoU."""
     return [
         [
             title,
             *(share(row["open"][part]["strict_IoU"]["value"]) for part in ("part_1", "part_2")),
-            *(share(_listening(row, name)) for name in ("twins", "pair_accuracy")),
+            *(share(_listening(row, name)) for name in ("twins", "pair_accuracy", "IoU")),
         ]
         for title, row in rows.items()
     ]
