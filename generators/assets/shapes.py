@@ -56,6 +56,14 @@ def rotation(axis: str, degrees: float) -> Array:
     return out
 
 
+def rotations_about_y(degrees: Array) -> Array:
+    """(K, 3, 3) right-handed rotations about y by ``degrees`` (K,): `rotation`, of many at once."""
+    sin, cos = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
+    out = np.zeros((len(sin), 3, 3))
+    out[:, 0, 0], out[:, 0, 2], out[:, 1, 1], out[:, 2, 0], out[:, 2, 2] = cos, sin, 1.0, -sin, cos
+    return out
+
+
 def corner_normals(triangles: Array, crease: float = 40.0) -> Array:
     """Shading normals (F, 3, 3): faces that meet at less than ``crease`` degrees are smoothed together."""
     area = cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])

@@ -22,13 +22,13 @@ from scipy.sparse.csgraph import connected_components
 from generators.apartments.floorplan import SIDES, WallFrame
 from generators.apartments.interior.arrange import WALL_GAP, Arranger
 from generators.apartments.interior.bathroom import MACHINE, MACHINE_PLACES, MACHINE_SPACING
-from generators.apartments.interior.pieces import FLAT, Placed, overlaps, world_box
+from generators.apartments.interior.pieces import FLAT, Placed, overlaps
 from generators.apartments.interior.walking import walkable, wall_spots
 from generators.apartments.joinery import FRAME_DEPTH, PANE_DEPTH, SILL_DEPTH
 from generators.assets.clutter.catalogue import kinds_for
 from generators.assets.clutter.record import ClutterKind, Place
 from generators.assets.furniture import Furniture
-from generators.assets.shapes import rotation
+from generators.assets.shapes import rotation, rotations_about_y
 from generators.core.arrays import distinct_rows
 from generators.core.rays import RayCaster
 from generators.core.scene import Part, Support
@@ -69,12 +69,14 @@ _STANDING = ("sofa", "bed", "nightstand", "desk", "sideboard", "tv_stand", "book
 _FRONT = 0.5
 #: Gap between a thing on the floor and the furniture beside which it stands (m).
 _BESIDE_GAP = (0.015, 0.06)
-#: Reserved for the objects of the benchmark: share of a support's longer side, and its least length (m) by the kind of
-#: support: microwaves stand on worktops, clocks and radios on shelves.
-RESERVED_SHARE = 0.55
-RESERVED_LENGTH = {"worktop": 0.62, "shelf": 0.38, "side_table": 0.42}
-#: Reserved for clocks: share of a free stretch of wall, and its least length (m).
-_WALL_SHARE, _WALL_LENGTH = 0.35, 0.5
+#: Reserved for the objects of the benchmark: share of a support's longer side (or of a free stretch of wall), and its
+#: least length (m), by the kind of support. Up to six machines stand on the worktops of a kitchen, up to four on its
+#: table; clocks, telephones and radios stand on shelves.
+RESERVED = {"worktop": (1.0, 0.0), "shelf": (0.55, 0.38), "side_table": (0.55, 0.42), "wall": (0.35, 0.5)}
+#: The same of tables at which people eat: their shorter side is this wide or wider (m).
+_TABLE, _TABLE_WIDTH = (0.6, 0.68), 0.6
+#: How much of a worktop's depth is reserved, from its front edge (m): bottles and boards stand at the wall behind it.
+RESERVED_DEPTH = 0.44
 #: Height above a support that is reserved with it (m).
 _RESERVED_HEIGHT = 0.6
 #: Least cosine between a level face's normal and the vertical, and how much the heights of joined faces may differ (m).
@@ -109,7 +111,7 @@ _MACHINE_ROOMS = ("bathroom", "kitchen")
 #: Distances of a switch from a door's opening (m), and of things from the ends of a wall (m).
 _DOOR_SIDES, _WALL_END = (0.14, 0.2, 0.28), 0.05
 #: Rooms in which no observation is made, and what is kept free there: shares of a support and of the walkable floor.
-QUIET, _QUIET_SHARE, _QUIET_WALKABLE = ("bedroom",), 0.3, 0.8
+QUIET, _QUIET_SHARE, _QUIET_WALKABLE = ("bedroom", "hall"), 0.3, 0.8
 #: Reach along the wall beside washbasin and tub (m).
 _BESIDE = 0.55
 #: Depth of a strip of floor along a wall (m), and gap between an entrance and its mat (m).
@@ -137,6 +139,32 @@ class _Face:
     frame: WallFrame
     span: tuple[float, float]
     proud: float = _PROUD
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidates:
+    """A thing in K possible places: origins (K, 3), yaws (K,) in degrees, corners (K, 3) of its world boxes."""
+
+    position: Array
+    yaw: Array
+    low: Array
+    high: Array
+
+    @classmethod
+    def of(cls, thing: Furniture, position: Array, yaw: Array) -> _Candidates:
+        """``thing`` at ``position`` (K, 3), turned by ``yaw`` (K,)."""
+        low, high = _turned_bounds(thing, yaw)
+        return cls(position, yaw, position + low, position + high)
+
+    def __len__(self) -> int:
+        return len(self.yaw)
+
+    def __getitem__(self, chosen: NDArray[np.intp]) -> _Candidates:
+        return _Candidates(self.position[chosen], self.yaw[chosen], self.low[chosen], self.high[chosen])
+
+    def one(self, index: int) -> _Candidate:
+        """Number ``index``."""
+        return _Candidate(self.position[index], float(self.yaw[index]), self.low[index], self.high[index])
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,11 +225,8 @@ class _Placer:
         """A free place of a thing, which is taken from now on; None: there is none."""
         for place in kind.places:
             candidates = self._candidates(place, kind, thing)
-            low, high = np.array([c.low for c in candidates]), np.array([c.high for c in candidates])
-            if not len(candidates):
-                continue
-            for index in np.flatnonzero(~self._meets(low, high))[:_TRIALS]:
-                found = self._settled(place, candidates[index])
+            for index in np.flatnonzero(~self._meets(candidates.low, candidates.high))[:_TRIALS]:
+                found = self._settled(place, candidates.one(int(index)))
                 if found is not None and (place != "floor" or self._leaves_floor(found, thing)):
                     self._taken_low.append(found.low)
                     self._taken_high.append(found.high)
@@ -228,7 +253,7 @@ class _Placer:
 
     # -- candidates --------------------------------------------------------------------------------------------------
 
-    def _candidates(self, place: Place, kind: ClutterKind, thing: Furniture) -> list[_Candidate]:
+    def _candidates(self, place: Place, kind: ClutterKind, thing: Furniture) -> _Candidates:
         if place in self._surfaces:
             return self._on_levels(self._surfaces[place], kind, thing)
         if place == "floor":
@@ -239,101 +264,96 @@ class _Placer:
             return self._on_ceiling(thing)
         return self._on_faces(self._faces(place, thing), kind, thing)
 
-    def _on_levels(self, rectangles: list[_Rectangle], kind: ClutterKind, thing: Furniture) -> list[_Candidate]:
+    def _on_levels(self, rectangles: list[_Rectangle], kind: ClutterKind, thing: Furniture) -> _Candidates:
         """Places on rectangles, each drawn in proportion to its area."""
         if not rectangles:
-            return []
+            return _nowhere()
         areas = np.array([r.area for r in rectangles])
-        out = []
-        for index in self._rng.choice(len(rectangles), _DRAWS, p=areas / areas.sum()):
-            r = rectangles[int(index)]
-            yaw = r.yaw + float(self._rng.uniform(-kind.turn, kind.turn))
-            low, high = world_box(thing, np.zeros(3), yaw)
-            share = self._rng.random(2)
-            if kind.rear:
-                front = rotation("y", r.yaw)[:, 2][[0, 2]]
-                axis = int(np.argmax(np.abs(front)))
-                share[axis] = 0.12 * share[axis] if front[axis] > 0 else 1 - 0.12 * share[axis]
-            room = (r.high - high) - (r.low - low)
-            room[[0, 2]] -= 2 * _EDGE
-            if room[0] < 0 or room[2] < 0:
-                continue
-            at = r.low - low
-            at[[0, 2]] += _EDGE + share * room[[0, 2]]
-            out.append(_moved(thing, at, yaw))
-        return self._above_support(out)
+        chosen = self._rng.choice(len(rectangles), _DRAWS, p=areas / areas.sum())
+        front = np.array([r.yaw for r in rectangles])[chosen]
+        yaw = front + self._rng.uniform(-kind.turn, kind.turn, _DRAWS)
+        share = self._rng.random((_DRAWS, 2))
+        if kind.rear:
+            ahead = _fronts(front)[:, [0, 2]]
+            rows, axis = np.arange(_DRAWS), np.argmax(np.abs(ahead), axis=1)
+            back = 0.12 * share[rows, axis]
+            share[rows, axis] = np.where(ahead[rows, axis] > 0, back, 1 - back)
+        low, high = _turned_bounds(thing, yaw)
+        least = np.array([r.low for r in rectangles])[chosen] - low
+        room = (np.array([r.high for r in rectangles])[chosen] - high - least)[:, [0, 2]] - 2 * _EDGE
+        least[:, [0, 2]] += _EDGE + share * room
+        return self._above_support(_Candidates.of(thing, least, yaw)[np.flatnonzero((room >= 0).all(axis=1))])
 
-    def _above_support(self, candidates: list[_Candidate]) -> list[_Candidate]:
+    def _above_support(self, candidates: _Candidates) -> _Candidates:
         """The candidates whose middle and corners have the support just below them: many rectangles have holes."""
-        if not candidates:
-            return []
-        low, high = np.array([c.low for c in candidates]), np.array([c.high for c in candidates])
+        if not len(candidates):
+            return candidates
+        low, high = candidates.low, candidates.high
         shares = np.array([(0.5, 0.5), (0.02, 0.02), (0.02, 0.98), (0.98, 0.02), (0.98, 0.98)])
         rays = np.repeat(low[:, None], len(shares), axis=1)
         rays[:, :, [0, 2]] += shares * (high - low)[:, None, [0, 2]]
         rays[:, :, 1] += _PROBE
         down = np.broadcast_to([0.0, -1.0, 0.0], rays.shape)
         distance, _ = self._caster.closest(rays.reshape(-1, 3), down.reshape(-1, 3))
-        stands = (np.abs(distance.reshape(-1, len(shares)) - _PROBE) <= _FLAT).all(axis=1)
-        return [c for c, is_standing in zip(candidates, stands, strict=True) if is_standing]
+        level = np.abs(distance.reshape(-1, len(shares)) - _PROBE) <= _FLAT
+        return candidates[np.flatnonzero(level.all(axis=1))]
 
-    def _on_floor(self, kind: ClutterKind, thing: Furniture) -> list[_Candidate]:
-        """Places on the floor with the back at a wall, the nearer to a corner the earlier."""
-        found = []
-        for side in SIDES:
-            wall = self._room.room.wall(side)
-            for along in self._rng.uniform(0.0, wall.length, _DRAWS // 4):
-                yaw = wall.yaw + float(self._rng.uniform(-kind.turn, kind.turn))
-                low, high = world_box(thing, np.zeros(3), yaw)
-                back = -float(min(low @ wall.normal, high @ wall.normal))
-                depth = WALL_GAP + back + (0.0 if kind.rear else float(self._rng.uniform(0.0, 0.12)))
-                found.append(
-                    (min(along, wall.length - along), _moved(thing, wall.point(float(along), 0.0, depth), yaw))
-                )
-        found.sort(key=lambda one: one[0])
-        candidates = [one for _, one in found] + self._beside(kind, thing)
-        free = self._room.free(np.array([c.low for c in candidates]), np.array([c.high for c in candidates]))
-        return [c for c, is_free in zip(candidates, free, strict=True) if is_free]
+    def _on_floor(self, kind: ClutterKind, thing: Furniture) -> _Candidates:
+        """Places on the floor with the back at a wall, the nearer to a corner the earlier; then beside furniture."""
+        walls = [self._room.room.wall(side) for side in SIDES]
+        count = _DRAWS // 4
+        along = np.concatenate([self._rng.uniform(0.0, wall.length, count) for wall in walls])
+        wall_yaw, length = (np.repeat([getattr(w, name) for w in walls], count) for name in ("yaw", "length"))
+        origin, u, normal = (
+            np.repeat([getattr(w, name) for w in walls], count, axis=0) for name in ("origin", "u", "normal")
+        )
+        yaw = wall_yaw + self._rng.uniform(-kind.turn, kind.turn, len(along))
+        back = -np.minimum(*((end * normal).sum(axis=1) for end in _turned_bounds(thing, yaw)))
+        depth = WALL_GAP + back + (0.0 if kind.rear else self._rng.uniform(0.0, 0.12, len(along)))
+        at = origin + along[:, None] * u + depth[:, None] * normal
+        order = np.argsort(np.minimum(along, length - along), kind="stable")
+        beside, turned = self._beside(kind, thing)
+        found = _Candidates.of(thing, np.concatenate([at[order], beside]), np.concatenate([yaw[order], turned]))
+        return found[np.flatnonzero(self._room.free(found.low, found.high))]
 
-    def _beside(self, kind: ClutterKind, thing: Furniture) -> list[_Candidate]:
-        """Places on the floor beside the furniture."""
+    def _beside(self, kind: ClutterKind, thing: Furniture) -> tuple[Array, Array]:
+        """Places (K, 3) on the floor beside the furniture, not before its front, and yaws (K,)."""
         pieces = [p for p in self._room.placed if p.furniture.kind in _STANDING]
-        out = []
-        for index in self._rng.integers(len(pieces), size=_DRAWS) if pieces else ():
-            piece, side = pieces[int(index)], int(self._rng.integers(4))
-            front = rotation("y", piece.yaw)[:, 2]
-            if front[(0, 2)[side % 2]] * (1 if side < 2 else -1) > _FRONT:
-                continue
-            yaw = piece.yaw + float(self._rng.uniform(-kind.turn, kind.turn))
-            low, high = world_box(thing, np.zeros(3), yaw)
-            axis, gap = (0, 2)[side % 2], float(self._rng.uniform(*_BESIDE_GAP))
-            at = piece.low + self._rng.random(3) * (piece.high - piece.low)
-            at[axis] = piece.high[axis] + gap - low[axis] if side < 2 else piece.low[axis] - gap - high[axis]
-            at[1] = 0.0
-            out.append(_moved(thing, at, yaw))
-        return out
+        if not pieces:
+            return np.zeros((0, 3)), np.zeros(0)
+        chosen, side = self._rng.integers(len(pieces), size=_DRAWS), self._rng.integers(4, size=_DRAWS)
+        piece_yaw, first, last = (
+            np.array(values)[chosen] for values in zip(*((p.yaw, p.low, p.high) for p in pieces), strict=True)
+        )
+        yaw = piece_yaw + self._rng.uniform(-kind.turn, kind.turn, _DRAWS)
+        low, high = _turned_bounds(thing, yaw)
+        rows, axis = np.arange(_DRAWS), np.where(side % 2, 2, 0)
+        gap = self._rng.uniform(*_BESIDE_GAP, _DRAWS)
+        at = first + self._rng.random((_DRAWS, 3)) * (last - first)
+        behind, ahead = first[rows, axis] - gap - high[rows, axis], last[rows, axis] + gap - low[rows, axis]
+        at[rows, axis] = np.where(side < 2, ahead, behind)
+        at[:, 1] = 0.0
+        faces = _fronts(piece_yaw)[rows, axis] * np.where(side < 2, 1, -1) > _FRONT
+        return at[~faces], yaw[~faces]
 
-    def _at_entrance(self, thing: Furniture) -> list[_Candidate]:
+    def _at_entrance(self, thing: Furniture) -> _Candidates:
         """Before the flat's entrance."""
-        out = []
+        at, yaw = [], []
         for side in SIDES:
             wall = self._room.room.wall(side)
             for opening in self._room.plan.openings_of(self._room.room.name, side):
                 if opening.kind == "entrance":
                     middle = sum(wall.along(opening.start, opening.stop)) / 2
-                    depth = _MAT_GAP - float(thing.mesh.bounds[0, 2])
-                    out.append(_moved(thing, wall.point(middle, 0.0, depth), wall.yaw))
-        return out
+                    at.append(wall.point(middle, 0.0, _MAT_GAP - float(thing.mesh.bounds[0, 2])))
+                    yaw.append(wall.yaw)
+        return _Candidates.of(thing, np.array(at).reshape(-1, 3), np.array(yaw, dtype=np.float64))
 
-    def _on_ceiling(self, thing: Furniture) -> list[_Candidate]:
+    def _on_ceiling(self, thing: Furniture) -> _Candidates:
         """Anywhere on the ceiling, not near its rim."""
         r = self._room.room
-        shares = self._rng.uniform(0.2, 0.8, (_DRAWS, 2))
-        height = self._room.plan.height
-        return [
-            _moved(thing, np.array([r.x0 + s * (r.x1 - r.x0), height, r.z0 + t * (r.z1 - r.z0)]), 0.0)
-            for s, t in shares.tolist()
-        ]
+        at = np.full((_DRAWS, 3), self._room.plan.height)
+        at[:, [0, 2]] = (r.x0, r.z0) + self._rng.uniform(0.2, 0.8, (_DRAWS, 2)) * (r.x1 - r.x0, r.z1 - r.z0)
+        return _Candidates.of(thing, at, np.zeros(_DRAWS))
 
     def _faces(self, place: Place, thing: Furniture) -> list[_Face]:
         """The stretches of wall (or front) that a place means."""
@@ -380,23 +400,28 @@ class _Placer:
                     out.append(_Face(wall, (max(start - _BESIDE, 0.02), min(stop + _BESIDE, wall.length - 0.02))))
         return out
 
-    def _on_faces(self, faces: list[_Face], kind: ClutterKind, thing: Furniture) -> list[_Candidate]:
+    def _on_faces(self, faces: list[_Face], kind: ClutterKind, thing: Furniture) -> _Candidates:
         """Places on stretches of wall, their depth not settled yet."""
         low, high = thing.mesh.bounds.astype(np.float64)
         fitting = [f for f in faces if f.span[1] - f.span[0] >= high[0] - low[0] - 1e-6]
         if not fitting:
-            return []
-        lengths = np.array([f.span[1] - f.span[0] for f in fitting])
-        out = []
-        for index in self._rng.choice(len(fitting), _DRAWS, p=lengths / lengths.sum()):
-            face = fitting[int(index)]
-            along = float(self._rng.uniform(face.span[0] - low[0], max(face.span[1] - high[0], face.span[0] - low[0])))
-            height = float(self._rng.uniform(*kind.height))
-            out.append(_moved(thing, face.frame.point(along, height, min(face.proud, 0.0)), face.frame.yaw))
+            return _nowhere()
+        spans = np.array([f.span for f in fitting])
+        lengths = spans[:, 1] - spans[:, 0]
+        chosen = self._rng.choice(len(fitting), _DRAWS, p=lengths / lengths.sum())
+        first = spans[chosen, 0] - low[0]
+        along = self._rng.uniform(first, np.maximum(spans[chosen, 1] - high[0], first))
+        height = self._rng.uniform(*kind.height, _DRAWS)
+        at = np.array(
+            [
+                fitting[index].frame.point(a, h, min(fitting[index].proud, 0.0))
+                for index, a, h in zip(chosen.tolist(), along.tolist(), height.tolist(), strict=True)
+            ]
+        )
+        out = _Candidates.of(thing, at, np.array([f.frame.yaw for f in fitting], dtype=np.float64)[chosen])
         if high[2] > _AIR / 2 and self._room.doorways:
             ways = [np.array(ends) for ends in zip(*((low, high) for _, low, high in self._room.doorways), strict=True)]
-            meets = overlaps(np.array([c.low for c in out]), np.array([c.high for c in out]), *ways)
-            out = [c for c, blocks in zip(out, meets, strict=True) if not blocks.any()]
+            out = out[np.flatnonzero(~overlaps(out.low, out.high, *ways).any(axis=1))]
         return out
 
     # -- tests -------------------------------------------------------------------------------------------------------
@@ -464,36 +489,70 @@ class _Placer:
         return False
 
 
-def _moved(thing: Furniture, position: Array, yaw: float) -> _Candidate:
-    return _Candidate(position, yaw, *world_box(thing, position, yaw))
+def _nowhere() -> _Candidates:
+    return _Candidates(np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
+
+
+def _turned_bounds(thing: Furniture, yaw: Array) -> tuple[Array, Array]:
+    """World boxes (K, 3), (K, 3) of a thing at the origin that is turned by ``yaw`` (K,) degrees."""
+    low, high = thing.mesh.bounds.astype(np.float64)
+    corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+    turned = corners @ rotations_about_y(yaw).transpose(0, 2, 1)
+    return turned.min(axis=1), turned.max(axis=1)
+
+
+def _fronts(yaw: Array) -> Array:
+    """(K, 3) where the fronts of pieces with these yaws (K,) look."""
+    return rotations_about_y(yaw)[:, :, 2]
+
+
+def reserved_length(support: Support, *, quiet: bool = False) -> float:
+    """How much of the longer side of a support, or of a free stretch of wall, stays free (m).
+
+    In a ``quiet`` room, where no observation is made, it is less.
+    """
+    sides = [float(np.linalg.norm(side)) for side in (support.u, support.v)]
+    share, least = RESERVED[support.kind]
+    if quiet:
+        share, least = _QUIET_SHARE, 0.0
+    elif support.kind == "side_table" and min(sides) >= _TABLE_WIDTH:
+        share, least = _TABLE
+    length = sides[0] if support.kind == "wall" else max(sides)
+    return min(max(share * length, least), length)
 
 
 def _reserved(support: Support, rng: Generator, *, quiet: bool) -> tuple[Array, Array]:
-    """World box over the part of a support that stays free: an end of a level one, the middle of a wall's.
-
-    In a ``quiet`` room, where no observation is made, it is smaller.
-    """
-    share, least = (
-        (_WALL_SHARE, _WALL_LENGTH) if support.kind == "wall" else (RESERVED_SHARE, RESERVED_LENGTH[support.kind])
-    )
-    if quiet:
-        share, least = _QUIET_SHARE, 0.0
+    """World box over the part of a support that stays free: an end of a level one, the middle of a wall's."""
+    kept = reserved_length(support, quiet=quiet)
     origin, u, v = (np.asarray(c, dtype=np.float64) for c in (support.origin, support.u, support.v))
     if support.kind == "wall":
-        length = float(np.linalg.norm(u))
-        half = min(max(share * length, least) / length, 1.0) / 2
+        half = kept / float(np.linalg.norm(u)) / 2
         corners = np.stack([origin + (0.5 - half) * u, origin + (0.5 + half) * u + v])
         corners = np.concatenate([corners, corners + np.asarray(support.normal) * support.clearance])
         return corners.min(axis=0), corners.max(axis=0)
+    if support.kind == "worktop" and not quiet:
+        origin, u, v = _front_strip(support)
     if np.linalg.norm(u) < np.linalg.norm(v):
         u, v = v, u
-    length = float(np.linalg.norm(u))
-    share = min(max(share * length, least) / length, 1.0)
+    share = min(kept / float(np.linalg.norm(u)), 1.0)
     first = 0.0 if rng.random() < 0.5 else 1.0 - share
     corners = np.stack([origin + first * u, origin + (first + share) * u + v])
     low, high = corners.min(axis=0), corners.max(axis=0)
     high[1] += _RESERVED_HEIGHT
     return low, high
+
+
+def _front_strip(support: Support) -> tuple[Array, Array, Array]:
+    """Origin and sides (3,) of a worktop's rectangle without what lies deeper than `RESERVED_DEPTH`."""
+    origin, u, v = (np.asarray(c, dtype=np.float64) for c in (support.origin, support.u, support.v))
+    sides = [u, v]
+    deep = int(abs(v @ support.front) > abs(u @ support.front))
+    length = float(np.linalg.norm(sides[deep]))
+    kept = min(RESERVED_DEPTH / length, 1.0)
+    if sides[deep] @ support.front > 0:
+        origin = origin + (1 - kept) * sides[deep]
+    sides[deep] = kept * sides[deep]
+    return origin, sides[0], sides[1]
 
 
 def _surfaces(placed: Sequence[Placed], kinds: tuple[str, ...], heights: tuple[float, float]) -> list[_Rectangle]:

@@ -81,9 +81,9 @@ _TILES_BELOW, _TILES_ABOVE = 0.05, 0.02
 _TILES_SILL = 0.035
 #: How far the tiles stand out from the wall (m).
 _TILES_THICK = 0.009
-#: The open shelf over the leg: height of its middle above the floor, the band of wall that must be free for it, its
+#: The open shelf over the leg: height of its lower end above the floor, the band of wall that must be free for it, its
 #: depth with some play, and how much longer than itself the free stretch must be (m).
-_SHELF_HEIGHT, _SHELF_BAND, _SHELF_DEPTH, _SHELF_PLAY = 1.5, (1.4, 1.8), 0.3, 0.05
+_SHELF_BOTTOM, _SHELF_BAND, _SHELF_DEPTH, _SHELF_PLAY = 1.38, (1.4, 1.8), 0.3, 0.05
 #: Length of the radiator and height of the plant (m): smaller than elsewhere, for the units take most of the walls.
 _RADIATOR_LENGTH, _PLANT_HEIGHT = 0.8, 0.7
 #: Height of the picture's middle above the floor, and free wall on both sides of it (m).
@@ -318,7 +318,7 @@ def _shelf(a: Arranger, wall: WallFrame, span: tuple[float, float]) -> None:
         low, high = max(start, span[0]), min(stop, span[1])
         if high - low > _size(shelf)[0] + _SHELF_PLAY:
             left = (low + high - float(_size(shelf)[0])) / 2
-            _stand(a, shelf, wall, left, height=_SHELF_HEIGHT)
+            _stand(a, shelf, wall, left, height=origin_height(shelf, _SHELF_BOTTOM))
             break
 
 

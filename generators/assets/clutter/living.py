@@ -6,7 +6,13 @@ from generators.assets.clutter import containers, devices, hanging, ornaments, r
 from generators.assets.clutter.record import ClutterKind
 
 KINDS = (
-    ClutterKind("wicker_basket", containers.basket, ("floor",), {"living_room": (1, 2), "bedroom": (0, 1)}, turn=40),
+    ClutterKind(
+        "wicker_basket",
+        containers.basket,
+        ("floor",),
+        {"living_room": (1, 2), "bedroom": (0, 1), "hall": (1, 1)},
+        turn=40,
+    ),
     ClutterKind("floor_cushion", soft.floor_cushion, ("floor",), {"living_room": (0, 1), "bedroom": (0, 1)}, turn=180),
     ClutterKind("magazine_rack", containers.magazine_rack, ("floor",), {"living_room": (0, 1)}, turn=25),
     ClutterKind("toy_bin", containers.ring_basket, ("floor",), {"living_room": (0, 1), "bedroom": (0, 1)}, turn=12),
@@ -14,32 +20,43 @@ KINDS = (
         "slat_crate", containers.crate, ("floor",), {"living_room": (0, 1), "bedroom": (0, 1)}, turn=8, rear=True
     ),
     ClutterKind(
-        "power_strip", devices.power_strip, ("floor",), {"living_room": (1, 2), "bedroom": (1, 1)}, turn=8, rear=True
+        "power_strip",
+        devices.power_strip,
+        ("floor",),
+        {"living_room": (1, 2), "bedroom": (1, 1), "hall": (0, 1)},
+        turn=8,
+        rear=True,
     ),
     ClutterKind("building_blocks", toys.blocks, ("floor",), {"living_room": (0, 1), "bedroom": (0, 1)}, turn=180),
-    ClutterKind("play_ball", toys.ball, ("floor",), {"living_room": (0, 1), "bedroom": (0, 1)}, turn=180),
+    ClutterKind(
+        "play_ball", toys.ball, ("floor",), {"living_room": (0, 1), "bedroom": (0, 1), "hall": (0, 1)}, turn=180
+    ),
     ClutterKind(
         "picture_ledge",
         hanging.picture_ledge,
         ("wall",),
-        {"living_room": (1, 1), "bedroom": (0, 1)},
+        {"living_room": (1, 1), "bedroom": (0, 1), "hall": (0, 1)},
         height=(1.25, 1.7),
     ),
     ClutterKind(
-        "wall_cube", hanging.cube_shelf, ("wall",), {"living_room": (1, 2), "bedroom": (1, 2)}, height=(1.3, 1.75)
+        "wall_cube",
+        hanging.cube_shelf,
+        ("wall",),
+        {"living_room": (1, 2), "bedroom": (1, 2), "hall": (1, 2)},
+        height=(1.3, 1.75),
     ),
     ClutterKind(
         "woven_hanging",
         hanging.woven_hanging,
         ("wall",),
-        {"living_room": (0, 1), "bedroom": (0, 1)},
+        {"living_room": (0, 1), "bedroom": (0, 1), "hall": (0, 1)},
         height=(1.45, 1.7),
     ),
     ClutterKind(
         "framed_mirror",
         hanging.framed_mirror,
         ("wall",),
-        {"living_room": (0, 1), "bedroom": (0, 1), "hall": (0, 1)},
+        {"living_room": (0, 1), "bedroom": (0, 1), "hall": (1, 1)},
         height=(1.45, 1.65),
     ),
     ClutterKind("loudspeaker", devices.loudspeaker, ("sideboard", "board"), {"living_room": (1, 2)}, turn=8, rear=True),
@@ -73,7 +90,7 @@ KINDS = (
         "photograph",
         ornaments.photo_frame,
         ("sideboard", "board", "sill", "nightstand", "desk"),
-        {"living_room": (3, 5), "bedroom": (2, 3), "hall": (1, 1)},
+        {"living_room": (3, 5), "bedroom": (2, 3), "hall": (2, 3)},
         turn=20,
         rear=True,
     ),
@@ -99,7 +116,7 @@ KINDS = (
         "magazines",
         reading.magazines,
         ("coffee_table", "sideboard", "seat", "floor"),
-        {"living_room": (1, 2), "bedroom": (0, 1)},
+        {"living_room": (1, 2), "bedroom": (0, 1), "hall": (0, 1)},
         turn=35,
     ),
     ClutterKind(
@@ -137,7 +154,7 @@ KINDS = (
         "reading_glasses",
         ornaments.spectacles,
         ("coffee_table", "nightstand", "sideboard", "desk"),
-        {"living_room": (1, 1), "bedroom": (0, 1)},
+        {"living_room": (1, 1), "bedroom": (0, 1), "hall": (0, 1)},
         turn=80,
     ),
     ClutterKind(
@@ -151,14 +168,14 @@ KINDS = (
         "candlestick",
         ornaments.candlestick,
         ("sideboard", "table", "board", "sill"),
-        {"living_room": (1, 2), "kitchen": (0, 1)},
+        {"living_room": (1, 2), "kitchen": (0, 1), "hall": (0, 1)},
         turn=180,
     ),
     ClutterKind(
         "tea_light",
         ornaments.tea_light,
         ("coffee_table", "sill", "sideboard", "board"),
-        {"living_room": (2, 3), "bedroom": (1, 1)},
+        {"living_room": (2, 3), "bedroom": (1, 1), "hall": (0, 1)},
         turn=180,
     ),
     ClutterKind(
@@ -182,21 +199,21 @@ KINDS = (
         "shallow_dish",
         ornaments.dish,
         ("sideboard", "coffee_table", "board", "sill"),
-        {"living_room": (1, 2), "bedroom": (0, 1)},
+        {"living_room": (1, 2), "bedroom": (0, 1), "hall": (1, 1)},
         turn=180,
     ),
     ClutterKind(
         "plain_vase",
         ornaments.empty_vase,
         ("board", "sideboard", "sill", "cabinet_top"),
-        {"living_room": (2, 3), "bedroom": (1, 2)},
+        {"living_room": (2, 3), "bedroom": (1, 2), "hall": (0, 1)},
         turn=180,
     ),
     ClutterKind(
         "sculpture",
         ornaments.sculpture,
         ("sideboard", "board", "sill"),
-        {"living_room": (1, 3), "bedroom": (0, 1)},
+        {"living_room": (1, 3), "bedroom": (0, 1), "hall": (0, 1)},
         turn=40,
     ),
     ClutterKind(
@@ -210,19 +227,23 @@ KINDS = (
         "succulents",
         ornaments.succulents,
         ("sill", "board", "sideboard"),
-        {"living_room": (1, 2), "bedroom": (1, 1), "kitchen": (0, 1)},
+        {"living_room": (1, 2), "bedroom": (1, 1), "kitchen": (0, 1), "hall": (0, 1)},
         turn=20,
     ),
     ClutterKind(
         "lidded_box",
         containers.storage_box,
         ("board", "cabinet_top", "floor"),
-        {"living_room": (1, 2), "bedroom": (2, 4)},
+        {"living_room": (1, 2), "bedroom": (2, 4), "hall": (1, 2)},
         turn=6,
         rear=True,
     ),
     ClutterKind(
-        "toy_car", toys.toy_car, ("floor", "coffee_table", "sill"), {"living_room": (0, 2), "bedroom": (0, 1)}, turn=180
+        "toy_car",
+        toys.toy_car,
+        ("floor", "coffee_table", "sill"),
+        {"living_room": (0, 2), "bedroom": (0, 1), "hall": (0, 1)},
+        turn=180,
     ),
     ClutterKind(
         "wooden_train", toys.wooden_train, ("sill", "floor"), {"living_room": (0, 1), "bedroom": (0, 1)}, turn=60
@@ -245,22 +266,24 @@ KINDS = (
         "letters",
         reading.envelopes,
         ("sideboard", "coffee_table", "desk"),
-        {"living_room": (1, 1), "bedroom": (0, 1)},
+        {"living_room": (1, 1), "bedroom": (0, 1), "hall": (1, 1)},
         turn=60,
     ),
     ClutterKind(
         "charger",
         devices.charging_cable,
         ("sideboard", "nightstand", "floor"),
-        {"living_room": (1, 1), "bedroom": (1, 1)},
+        {"living_room": (1, 1), "bedroom": (1, 1), "hall": (0, 1)},
         turn=60,
     ),
-    ClutterKind("house_slippers", soft.slippers, ("floor",), {"living_room": (0, 1), "bedroom": (1, 1)}, turn=40),
+    ClutterKind(
+        "house_slippers", soft.slippers, ("floor",), {"living_room": (0, 1), "bedroom": (1, 1), "hall": (1, 2)}, turn=40
+    ),
     ClutterKind(
         "scent_sticks",
         ornaments.scent_sticks,
         ("sideboard", "sill", "board"),
-        {"living_room": (0, 1), "bedroom": (0, 1), "bathroom": (0, 1)},
+        {"living_room": (0, 1), "bedroom": (0, 1), "bathroom": (0, 1), "hall": (0, 1)},
         turn=90,
     ),
     ClutterKind("paper_roll_vase", containers.paper_roll_vase, ("floor",), {"living_room": (0, 1)}, turn=180),

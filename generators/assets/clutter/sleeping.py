@@ -6,7 +6,14 @@ from generators.assets.clutter import containers, devices, hanging, ornaments, r
 from generators.assets.clutter.record import ClutterKind
 
 KINDS = (
-    ClutterKind("suitcase", containers.suitcase, ("cabinet_top", "floor"), {"bedroom": (1, 1)}, turn=8, rear=True),
+    ClutterKind(
+        "suitcase",
+        containers.suitcase,
+        ("cabinet_top", "floor"),
+        {"bedroom": (1, 1), "hall": (0, 1)},
+        turn=8,
+        rear=True,
+    ),
     ClutterKind(
         "cardboard_box",
         containers.cardboard_box,
@@ -15,15 +22,25 @@ KINDS = (
         turn=10,
     ),
     ClutterKind(
-        "waste_basket", containers.waste_basket, ("floor",), {"bedroom": (1, 1), "living_room": (0, 1)}, turn=180
+        "waste_basket",
+        containers.waste_basket,
+        ("floor",),
+        {"bedroom": (1, 1), "living_room": (0, 1), "hall": (0, 1)},
+        turn=180,
     ),
-    ClutterKind("rucksack", soft.rucksack, ("floor",), {"bedroom": (1, 1), "living_room": (0, 1)}, turn=35),
+    ClutterKind(
+        "rucksack", soft.rucksack, ("floor",), {"bedroom": (1, 1), "living_room": (0, 1), "hall": (0, 1)}, turn=35
+    ),
     ClutterKind("laundry_heap", soft.laundry_pile, ("floor",), {"bedroom": (1, 1)}, turn=180),
     ClutterKind("shoe_pair", soft.shoes, ("floor",), {"bedroom": (1, 2)}, turn=40),
     ClutterKind(
-        "handbag", soft.tote_bag, ("floor", "sideboard", "seat"), {"bedroom": (1, 1), "living_room": (0, 1)}, turn=30
+        "handbag",
+        soft.tote_bag,
+        ("floor", "sideboard", "seat"),
+        {"bedroom": (1, 1), "living_room": (0, 1), "hall": (1, 1)},
+        turn=30,
     ),
-    ClutterKind("hook_rail", hanging.hook_rail, ("wall",), {"bedroom": (0, 1)}, height=(1.5, 1.6)),
+    ClutterKind("hook_rail", hanging.hook_rail, ("wall",), {"bedroom": (0, 1), "hall": (1, 1)}, height=(1.5, 1.6)),
     ClutterKind("dressing_gown", soft.garment_on_hook, ("wall",), {"bedroom": (1, 1)}, height=(1.2, 1.35)),
     ClutterKind("shirt_on_hanger", soft.hanger_with_shirt, ("wall",), {"bedroom": (1, 1)}, height=(1.35, 1.5)),
     ClutterKind("under_bed_box", containers.tray_box, ("floor",), {"bedroom": (0, 1)}, turn=4),
@@ -39,7 +56,7 @@ KINDS = (
         "letter_tray",
         ornaments.letter_tray,
         ("desk", "board", "sideboard"),
-        {"bedroom": (0, 1), "living_room": (0, 1)},
+        {"bedroom": (0, 1), "living_room": (0, 1), "hall": (0, 1)},
         turn=6,
         rear=True,
     ),
@@ -47,14 +64,14 @@ KINDS = (
         "pens_in_cup",
         ornaments.pen_cup,
         ("desk", "board", "sill"),
-        {"bedroom": (1, 1), "living_room": (0, 1)},
+        {"bedroom": (1, 1), "living_room": (0, 1), "hall": (0, 1)},
         turn=180,
     ),
     ClutterKind(
         "notebook",
         reading.notebook,
         ("desk", "nightstand", "coffee_table"),
-        {"bedroom": (1, 2), "living_room": (0, 1)},
+        {"bedroom": (1, 2), "living_room": (0, 1), "hall": (0, 1)},
         turn=25,
     ),
     ClutterKind(
