@@ -376,6 +376,7 @@ def tables(scores: tuple[Path, ...], folder: Path, which: Any, plot: bool) -> No
 @click.option("--convention", type=click.Choice(CONVENTIONS), default=CONVENTIONS[0], show_default=True,
               help="Whose figures.")  # fmt: skip
 @click.option("--soft", is_flag=True, help="Grey levels of predictions are probabilities: white is 1.")
+@click.option("--by-order", is_flag=True, help="Pair the files of each subfolder by their order, not by name.")
 @click.option("--frames-per-clip", type=click.IntRange(1), metavar="N",
               help="Frames of a clip [those of a subfolder; as released].")  # fmt: skip
 @click.option("--clips-per-batch", type=click.IntRange(1), metavar="N",

@@ -7,7 +7,7 @@ clip, or of clips of a given length. Names are read with their numbers: `frame_1
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, groupby
 from pathlib import Path, PurePosixPath
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats.mask_values import as_mask
-from avs3d_bench.formats.media import decode_png
+from avs3d_bench.formats.media import decode_png, png_header
 from evaluators.metrics.accumulator import Accumulator
 from evaluators.metrics.conventions import avsbench, avss, combo, ref_avs
 from evaluators.reading.convention_names import Convention
@@ -41,6 +41,7 @@ class FolderOptions:
         frames_per_clip: length of a clip; None: that of the subfolders, else that of the released test script.
         clips_per_batch: batch size; None: that of the released test script.
         classes: number of class ids, of ``avss``.
+        by_order: pair the files of each subfolder by their order; else by name.
     """
 
     convention: Convention = "avs3d"
@@ -48,6 +49,23 @@ class FolderOptions:
     frames_per_clip: int | None = None
     clips_per_batch: int | None = None
     classes: int | None = None
+    by_order: bool = False
+
+
+@dataclass(frozen=True)
+class MaskPair:
+    """The files of one frame.
+
+    Attributes:
+        truth: the true mask, or class ids.
+        prediction: the predicted one.
+    """
+
+    truth: Path
+    prediction: Path
+
+
+Clip = Sequence[MaskPair]
 
 
 @dataclass(frozen=True)
@@ -79,15 +97,16 @@ def score_folders(truth: Path, prediction: Path, options: FolderOptions) -> Fold
         Avs3dError: if a prediction is missing, or a file is damaged or has another size, format or other values.
     """
     _check(options)
-    names, surplus = _matched(truth, prediction)
-    clips = _clips(names, options.frames_per_clip)
+    folders, surplus = (_by_order if options.by_order else _by_name)(truth, prediction)
+    clips = _clips(folders, options.frames_per_clip)
     if options.convention == "avs3d":
         figures = Accumulator()
         for clip in clips:
-            figures.add_clip(_truths(truth, clip), _predictions(truth, prediction, clip, soft=options.soft))
-        return FolderScores(figures.compute(), {}, len(clips), len(names), surplus)
-    score = _classes if options.convention == "avss" else _masks
-    return FolderScores(*score(truth, prediction, clips, options), len(clips), len(names), surplus)
+            figures.add_clip(_truths(clip, _mask), _predictions(clip, _probability if options.soft else _mask))
+        scored: tuple[Figures, Figures] = figures.compute(), {}
+    else:
+        scored = (_classes if options.convention == "avss" else _masks)(clips, options)
+    return FolderScores(*scored, len(clips), sum(map(len, clips)), surplus)
 
 
 def _check(options: FolderOptions) -> None:
@@ -100,28 +119,23 @@ def _check(options: FolderOptions) -> None:
         raise UsageError(f"--convention {options.convention}: has no batches; leave out --clips-per-batch")
 
 
-def _classes(
-    truth: Path, prediction: Path, clips: Sequence[Sequence[str]], options: FolderOptions
-) -> tuple[Figures, Figures]:
+def _classes(clips: Sequence[Clip], options: FolderOptions) -> tuple[Figures, Figures]:
     """The figures of class ids as released, and those beside them."""
-    names = list(chain.from_iterable(clips))
+    pairs = list(chain.from_iterable(clips))
 
     def score(how: Callable[[object, object, int | None], dict[str, float]]) -> Figures:
-        true, found = (map(_ids, [folder / name for name in names]) for folder in (truth, prediction))
-        return {**how(true, found, options.classes)}
+        return {**how(_truths(pairs, _ids), _predictions(pairs, _ids), options.classes)}
 
     return score(avss.evaluate), score(avss.order_free)
 
 
-def _masks(
-    truth: Path, prediction: Path, clips: Sequence[Sequence[str]], options: FolderOptions
-) -> tuple[Figures, Figures]:
+def _masks(clips: Sequence[Clip], options: FolderOptions) -> tuple[Figures, Figures]:
     """The figures of masks as released, and those beside them."""
-    names, convention = list(chain.from_iterable(clips)), options.convention
+    pairs, convention = list(chain.from_iterable(clips)), options.convention
 
     def given() -> tuple[Iterator[NDArray[Any]], Iterator[NDArray[Any]]]:
-        found = _predictions(truth, prediction, names, soft=options.soft)
-        return _truths(truth, names), (_values_for(convention, frame) for frame in found)
+        found = _predictions(pairs, _probability if options.soft else _mask)
+        return _truths(pairs, _mask), (_values_for(convention, frame) for frame in found)
 
     module: Any = {"combo": combo, "ref-avs": ref_avs}.get(convention, avsbench)
     frames, batch = _RELEASED.get(convention, (len(clips[0]), 1))
@@ -129,7 +143,7 @@ def _masks(
         lengths = sorted({len(clip) for clip in clips})
         if len(lengths) > 1:
             some = " and ".join(map(str, lengths[:_NAMED]))
-            raise UsageError(f"{truth}: clips of {some} frames; {convention} needs one length: --frames-per-clip N")
+            raise UsageError(f"clips of {some} frames; {convention} needs one length: --frames-per-clip N")
         frames = lengths[0]
     frames = options.frames_per_clip or frames
     return module.evaluate(*given(), options.clips_per_batch or batch, frames), module.order_free(*given())
@@ -144,17 +158,33 @@ def _values_for(convention: Convention, frame: NDArray[Any]) -> NDArray[np.float
         return np.asarray(np.log(probability) - np.log1p(-probability))
 
 
-def _matched(truth: Path, prediction: Path) -> tuple[list[str], tuple[str, ...]]:
-    """Paths below both folders, in order, and those of predictions without a truth."""
+def _by_name(truth: Path, prediction: Path) -> tuple[list[Clip], tuple[str, ...]]:
+    """The pairs of each subfolder, by their path below the folders, and predictions without a truth."""
     true, found = _pngs(truth), _pngs(prediction)
     missing = [name for name in true if name not in found]
     if missing:
         some = ", ".join(missing[:_NAMED]) + (f" and {len(missing) - _NAMED} more" if len(missing) > _NAMED else "")
         raise Avs3dError(
-            f"{prediction}: {len(missing)} of {len(true)} masks are missing: {some}; expected the names of {truth}"
+            f"{prediction}: {len(missing)} of {len(true)} masks are missing: {some}; expected the names of {truth}, or "
+            "--by-order"
         )
-    known = set(true)
-    return list(true), tuple(name for name in found if name not in known)
+    clips = [[MaskPair(truth / name, prediction / name) for name in clip] for clip in _by_folder(true).values()]
+    return [*clips], tuple(name for name in found if name not in true)
+
+
+def _by_order(truth: Path, prediction: Path) -> tuple[list[Clip], tuple[str, ...]]:
+    """The pairs of each subfolder, the first of each folder together and so on; nothing is left over."""
+    true, found = _by_folder(_pngs(truth)), _by_folder(_pngs(prediction))
+    for folder in {**true, **found}:
+        counts = [len(side.get(folder, ())) for side in (true, found)]
+        if counts[0] != counts[1]:
+            raise Avs3dError(f"{prediction / folder}: {counts[1]} masks, expected {counts[0]}, as in {truth / folder}")
+    pairs = (zip(true[folder], found[folder], strict=True) for folder in true)
+    return [[MaskPair(truth / a, prediction / b) for a, b in clip] for clip in pairs], ()
+
+
+def _by_folder(names: Iterable[str]) -> dict[PurePosixPath, list[str]]:
+    return {folder: list(some) for folder, some in groupby(names, key=lambda name: PurePosixPath(name).parent)}
 
 
 def _pngs(folder: Path) -> dict[str, None]:
@@ -181,32 +211,31 @@ def _natural(name: str) -> list[tuple[int, str]]:
     ]
 
 
-def _clips(names: Sequence[str], length: int | None) -> list[list[str]]:
-    """The names of each clip: those of a subfolder, or of a given number of files."""
-    folders = [list(clip) for _, clip in groupby(names, key=lambda name: PurePosixPath(name).parent)]
+def _clips(folders: Sequence[Clip], length: int | None) -> list[Clip]:
+    """The pairs of each clip: those of a subfolder, or of a given number of files."""
     if length is None:
-        return folders
-    out = []
-    for clip in folders:
-        if len(clip) % length:
-            where = PurePosixPath(clip[0]).parent
-            raise UsageError(f"{where}: {len(clip)} frames are no whole clips of {length}; --frames-per-clip")
-        out += [clip[start : start + length] for start in range(0, len(clip), length)]
+        return [*folders]
+    out: list[Clip] = []
+    for pairs in folders:
+        if len(pairs) % length:
+            where = pairs[0].truth.parent
+            raise UsageError(f"{where}: {len(pairs)} frames are no whole clips of {length}; --frames-per-clip")
+        out += [pairs[start : start + length] for start in range(0, len(pairs), length)]
     return out
 
 
-def _truths(folder: Path, names: Sequence[str]) -> Iterator[NDArray[np.bool_]]:
-    return (_mask(folder / name) for name in names)
+def _truths(pairs: Clip, read: Callable[[Path], NDArray[Any]]) -> Iterator[NDArray[Any]]:
+    return (read(pair.truth) for pair in pairs)
 
 
-def _predictions(truth: Path, folder: Path, names: Sequence[str], *, soft: bool) -> Iterator[NDArray[Any]]:
-    """Masks (H, W) bool, or probabilities (H, W) float32, each of the size of its truth."""
-    read: Callable[[Path], NDArray[Any]] = _probability if soft else _mask
-    for name in names:
-        found, expected = read(folder / name), _grey(truth / name).shape
-        if found.shape != expected:
-            size, wanted = (f"{shape[1]}×{shape[0]}" for shape in (found.shape, expected))
-            raise Avs3dError(f"{folder / name}: {size} pixels, expected {wanted}, those of its truth")
+def _predictions(pairs: Clip, read: Callable[[Path], NDArray[Any]]) -> Iterator[NDArray[Any]]:
+    """The predictions, each of the size of its truth."""
+    for pair in pairs:
+        found, header = read(pair.prediction), png_header(pair.truth)
+        if found.shape != (header.height, header.width):
+            size = f"{found.shape[1]}×{found.shape[0]}"
+            wanted = f"{header.width}×{header.height}, those of its truth"
+            raise Avs3dError(f"{pair.prediction}: {size} pixels, expected {wanted}")
         yield found
 
 

@@ -128,6 +128,18 @@ def test_missing_files_are_named_and_surplus_ones_are_not_looked_at(copy: Path):
         score(copy)
 
 
+def test_files_of_other_names_are_paired_by_their_order(copy: Path):
+    before = score(copy)
+    for path in sorted((copy / "hard").rglob("*.png")):
+        path.rename(path.with_name(f"clip_{int(path.stem) - 8}.png"))
+    with pytest.raises(Avs3dError, match=r"10 of 10 masks are missing: .*, or --by-order"):
+        score(copy)
+    assert score(copy, by_order=True) == before
+    (copy / "hard/clip_1/clip_0.png").unlink()
+    with pytest.raises(Avs3dError, match=r"hard/clip_1: 4 masks, expected 5, as in .*truth/clip_1"):
+        score(copy, by_order=True)
+
+
 def bad_size(root: Path) -> None:
     write(root / "hard", "clip_1/9.png", np.zeros((8, 7), np.uint8))
 
