@@ -6,13 +6,13 @@ Every primitive is added to a `MeshBuilder`, in metres, Y up. Texture coordinate
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Literal, Self
 
 import numpy as np
 import trimesh
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 from shapely.geometry import Polygon
 
 from generators.assets.forms import cap_faces, outward, skin_faces, slab_loops
@@ -47,8 +47,13 @@ BOX_FACES = np.array(
 
 def rotation(axis: str, degrees: float) -> Array:
     """(3, 3) right-handed rotation about ``"x"``, ``"y"`` or ``"z"``."""
-    vector = {"x": [1, 0, 0], "y": [0, 1, 0], "z": [0, 0, 1]}[axis]
-    return np.asarray(Rotation.from_rotvec(np.radians(degrees) * np.array(vector, dtype=np.float64)).as_matrix())
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    first = "xyz".index(axis)
+    second, third = (first + 1) % 3, (first + 2) % 3
+    out = np.eye(3)
+    out[[second, third], [second, third]] = c
+    out[second, third], out[third, second] = -s, s
+    return out
 
 
 def corner_normals(triangles: Array, crease: float = 40.0) -> Array:

@@ -335,10 +335,18 @@ def test_the_same_seed_gives_the_same_bytes_and_the_name_does_not_matter() -> No
 
 @pytest.mark.slow
 def test_a_plain_flat_has_the_geometry_of_the_flat() -> None:
-    def geometry(scene: Scene) -> list[tuple[str, bytes, bytes, bytes]]:
+    def geometry(scene: Scene) -> list[tuple[object, ...]]:
+        """What is seen of each part without its colours, and what sounds."""
         meshes = {part.name: part.mesh for part in scene.parts}
         return [
-            (name, mesh.positions.tobytes(), mesh.normals.tobytes(), mesh.acoustic_positions.tobytes())
+            (
+                name,
+                mesh.positions.tobytes(),
+                mesh.normals.tobytes(),
+                [mesh.materials[number].acoustic for number in mesh.face_material.tolist()],
+                mesh.acoustic_positions.tobytes(),
+                mesh.acoustic_labels,
+            )
             for name, mesh in meshes.items()
         ]
 

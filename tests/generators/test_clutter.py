@@ -34,7 +34,7 @@ Box = NDArray[np.float64]
 
 @cache
 def flat(seed: int) -> Scene:
-    return build_apartment("flat", seed)
+    return build_apartment("flat", seed, plain=True)
 
 
 def boxes(parts: list[Part]) -> Box:
@@ -118,7 +118,7 @@ def test_the_way_stays_free(seed: int) -> None:
 
 def test_furniture_and_supports_do_not_depend_on_small_things(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("generators.apartments.apartment.add_clutter", lambda *_: [])
-    plain = build_apartment("flat", 1)
+    plain = build_apartment("flat", 1, plain=True)
     home = without_small_things(flat(1))
     assert plain.supports == home.supports
     assert [p.name for p in plain.parts] == [p.name for p in home.parts]
@@ -126,7 +126,7 @@ def test_furniture_and_supports_do_not_depend_on_small_things(monkeypatch: pytes
 
 
 def test_the_same_seed_gives_the_same_things() -> None:
-    again = build_apartment("another name", 1, workers=2)
+    again = build_apartment("another name", 1, workers=2, plain=True)
     assert [p.name for p in again.parts] == [p.name for p in flat(1).parts]
     for a, b in zip(small_things(again), small_things(flat(1)), strict=True):
         assert a.mesh.positions.tobytes() == b.mesh.positions.tobytes(), a.name

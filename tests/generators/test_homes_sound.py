@@ -31,7 +31,7 @@ MANIFESTS = Path(__file__).parents[2] / "scenes_manifest"
 @cache
 def home(name: str, seed: int) -> Scene:
     """The flat without its light, which sound does not need."""
-    return build_apartment(name, seed)
+    return build_apartment(name, seed, plain=True)
 
 
 def direct_sound(response: np.ndarray) -> np.ndarray:

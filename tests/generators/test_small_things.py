@@ -32,7 +32,7 @@ def palettes() -> list[Palette]:
 
 @pytest.fixture(scope="module")
 def home() -> Scene:
-    return build_apartment("home", 1)
+    return build_apartment("home", 1, plain=True)
 
 
 def test_names_are_unique_and_none_names_a_category_that_sounds() -> None:
@@ -123,7 +123,7 @@ def test_every_kind_of_thing_is_found_in_some_home() -> None:
     """A line of the catalogue that never finds a place is dead."""
     found: set[str] = set()
     for seed in (1, 2, 3, 7):
-        scene = build_apartment("home", seed)
+        scene = build_apartment("home", seed, plain=True)
         found |= {part.name.partition("/")[2].rpartition("_")[0] for part in scene.parts}
     missing = {kind.name for kind in OWN} - found
     assert len(missing) <= 0.25 * len(OWN), sorted(missing)
@@ -132,7 +132,7 @@ def test_every_kind_of_thing_is_found_in_some_home() -> None:
 @pytest.mark.slow
 def test_small_things_do_not_change_the_furniture(home: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("generators.apartments.apartment.add_clutter", lambda *_: [])
-    bare = build_apartment("home", 1)
+    bare = build_apartment("home", 1, plain=True)
     kept = {part.name: part.mesh.positions.tobytes() for part in home.parts}
     assert {part.name: kept[part.name] for part in bare.parts} == {
         part.name: part.mesh.positions.tobytes() for part in bare.parts

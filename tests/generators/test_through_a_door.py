@@ -25,7 +25,7 @@ HEIGHT = 1.2
 
 @pytest.fixture(scope="module")
 def home() -> Scene:
-    return build_apartment("apartment_1", SEED)
+    return build_apartment("apartment_1", SEED, plain=True)
 
 
 def points(home: Scene, room: str, count: int, height: float) -> list[tuple[float, float, float]]:
