@@ -39,6 +39,8 @@ _NEEDED = BANDS[1:-1]
 _WIDEST_GAP = 90.0
 #: Least amplitude on the axis relative to the largest of the octave: below it the axis is no front.
 _LEAST_ON_AXIS = 1e-3
+#: Step of the grid on which the amplitudes of a file are tabulated (degrees).
+_SOFA_STEP = 2.5
 #: Directions over which the mean power is taken.
 _DIRECTIONS = 20_000
 
@@ -113,12 +115,12 @@ class Directivity:
                 finite, or there is no sound on the axis.
         """
         where = f"directivity {name}"
-        table = _Table.of(amplitudes, azimuths, elevations, frequencies, where)
+        table = _DirectionTable.of(amplitudes, azimuths, elevations, frequencies, where)
         loudest = np.abs(table.values).max(axis=(0, 1))
         level = table(_unit(axis)[None])[0]
         if (np.abs(level) <= _LEAST_ON_AXIS * loudest).any():
             raise Avs3dError(f"{where}: all but silent on its axis {tuple(axis)}, expected sound; name another axis")
-        return cls(name, _Table(table.azimuths, table.elevations, table.values / level))
+        return cls(name, _DirectionTable(table.azimuths, table.elevations, table.values / level))
 
     @classmethod
     def sofa(cls, path: str | Path) -> Directivity:
@@ -133,8 +135,9 @@ class Directivity:
         """
         from generators.acoustics.measured_directivity import read_directivity
 
-        grid = read_directivity(path)
-        return cls.table(grid.amplitudes, grid.azimuths, grid.elevations, BANDS, name=grid.name)
+        azimuths, elevations, directions = direction_grid(_SOFA_STEP)
+        values, name = read_directivity(path, directions.reshape(-1, 3))
+        return cls.table(values.reshape(-1, *directions.shape[:2]), azimuths, elevations, BANDS, name=name)
 
     def amplitudes(self, directions: ArrayLike) -> F64:
         """(n, 8) amplitude factors in the octaves of `BANDS` for vectors (n, 3) in the source's frame, of any length.
@@ -175,6 +178,12 @@ def unit_vectors(azimuths: F64, elevations: F64) -> F64:
     return np.stack([-flat * np.sin(azimuth), np.sin(elevation), flat * np.cos(azimuth)], axis=-1)
 
 
+def direction_grid(step: float) -> tuple[F64, F64, F64]:
+    """Azimuths (A,), elevations (E,) and their unit vectors (A, E, 3), every ``step`` degrees."""
+    azimuths, elevations = np.arange(-180.0, 180.0, step), np.arange(-90.0, 90.0 + step, step)
+    return azimuths, elevations, unit_vectors(azimuths[:, None], elevations[None])
+
+
 @dataclass(frozen=True, eq=False)
 class _Cardioid:
     order: int
@@ -189,7 +198,7 @@ class _Cardioid:
 
 
 @dataclass(frozen=True, eq=False)
-class _Table:
+class _DirectionTable:
     """Amplitudes on a grid that closes at both poles and behind.
 
     Attributes:
@@ -205,7 +214,7 @@ class _Table:
     @classmethod
     def of(
         cls, amplitudes: ArrayLike, azimuths: ArrayLike, elevations: ArrayLike, frequencies: Sequence[float], where: str
-    ) -> _Table:
+    ) -> _DirectionTable:
         turn, tilt = (np.asarray(angles, dtype=np.float64).reshape(-1) for angles in (azimuths, elevations))
         values = np.asarray(amplitudes, dtype=np.float64)
         expected = (len(frequencies), len(turn), len(tilt))

@@ -7,7 +7,6 @@ repeat the nearest. Directions may be any set; amplitudes are interpolated betwe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,39 +20,25 @@ from generators.acoustics.tracer.receivers.sphere_mesh import SphereMesh
 F64 = NDArray[np.float64]
 
 CONVENTION = "FreeFieldDirectivityTF"
-#: Step of the grid on which amplitudes are tabulated (degrees).
-_STEP = 2.5
 #: Directions nearer to one another (rad) are the same direction, measured more than once.
 _SAME = np.radians(0.02)
 _AXES = ("ListenerPosition", "ListenerView", "ListenerUp", "SourcePosition", "SourceView", "SourceUp")
 _VARIABLES = ("Data.Real", "Data.Imag", "N", "ReceiverPosition", *_AXES)
 
 
-@dataclass(frozen=True, eq=False)
-class DirectivityGrid:
-    """Amplitudes on a grid of directions in the source's frame (see `generators.acoustics.directivity`).
-
-    Attributes:
-        azimuths: (A,) degrees.
-        elevations: (E,) degrees.
-        amplitudes: (8, A, E) in the octaves of `BANDS`.
-        name: the file's title, or its name.
-    """
-
-    azimuths: F64
-    elevations: F64
-    amplitudes: F64
-    name: str
-
-
-def read_directivity(path: str | Path) -> DirectivityGrid:
+def read_directivity(path: str | Path, wanted: F64) -> tuple[F64, str]:
     """Read the directivity of a SOFA file.
+
+    Args:
+        path: of the file.
+        wanted: (n, 3) unit vectors in the source's frame (see `generators.acoustics.directivity`).
+
+    Returns:
+        amplitudes (8, n) in the octaves of `BANDS`, and the file's title, or its name.
 
     Raises:
         Avs3dError: see `generators.acoustics.directivity.Directivity.sofa`.
     """
-    from generators.acoustics.directivity import unit_vectors
-
     path = Path(path)
     file = opened(path, CONVENTION, _VARIABLES)
     real, imaginary = file.numbers("Data.Real", 3), file.numbers("Data.Imag", 3)
@@ -67,11 +52,8 @@ def read_directivity(path: str | Path) -> DirectivityGrid:
     total = np.zeros((len(first), len(BANDS)))
     np.add.at(total, place.reshape(-1), energy)
     amplitudes = np.sqrt(total / np.bincount(place.reshape(-1))[:, None])
-    azimuths, elevations = np.arange(-180.0, 180.0, _STEP), np.arange(-90.0, 90.0 + _STEP, _STEP)
-    wanted = unit_vectors(azimuths[:, None], elevations[None])
-    corners, weights = SphereMesh.of(directions[first], path).interpolation(wanted.reshape(-1, 3))
-    values = np.einsum("nk,nkb->bn", weights, amplitudes[corners]).reshape(-1, *wanted.shape[:2])
-    return DirectivityGrid(azimuths, elevations, values, file.attributes.get("Title") or path.name)
+    corners, weights = SphereMesh.of(directions[first], path).interpolation(wanted)
+    return np.einsum("nk,nkb->bn", weights, amplitudes[corners]), file.attributes.get("Title") or path.name
 
 
 def _octaves(file: SofaFile, energy: F64) -> F64:

@@ -21,12 +21,12 @@ Names = tuple[str, ...]
 
 
 def named_faces(
-    mesh: Any, labels: Sequence[str] | Mapping[str, Sequence[str]] | None
+    mesh: Any, labels: Sequence[str] | Mapping[str, Sequence[str]] | None, most: int
 ) -> tuple[str, NDArray[np.float64], list[Names]]:
     """The name of a mesh, its triangles (F, 3, 3) in the mesh's unit, and the names of each: label, mesh, material.
 
     Raises:
-        Avs3dError: if a file cannot be read, or labels do not fit the faces.
+        Avs3dError: if a file cannot be read, there are more than ``most`` faces, or labels do not fit them.
     """
     with needing("Room.from_mesh", "pip install 'avs3d-bench[acoustics]'"):
         import trimesh
@@ -43,16 +43,22 @@ def named_faces(
         unknown = next((name for name in labels if name not in mesh.geometry), None)
         if unknown is not None:
             raise UsageError(f"{title}: labels of {unknown!r}, which is no mesh{did_you_mean(unknown, mesh.geometry)}")
+    nodes = [(str(node), *mesh.graph[node]) for node in sorted(mesh.graph.nodes_geometry)]
+    count = sum(len(getattr(mesh.geometry[key], "faces", ())) for _, _, key in nodes)
+    if count > most:
+        raise Avs3dError(
+            f"{title}: {count:,} faces, expected at most {most:,}; simplify it first, for example with trimesh's "
+            "simplify_quadric_decimation(face_count=100_000): sound does not see small detail"
+        )
     triangles: list[NDArray[np.float64]] = []
     names: list[Names] = []
-    for node in sorted(mesh.graph.nodes_geometry):
-        transform, key = mesh.graph[node]
+    for node, transform, key in nodes:
         part = mesh.geometry[key]
         if not isinstance(part, trimesh.Trimesh):
             continue
         corners = np.asarray(part.vertices, dtype=np.float64)[np.asarray(part.faces)]
         triangles.append(corners @ np.asarray(transform)[:3, :3].T + np.asarray(transform)[:3, 3])
-        names += _names(part, (str(key), str(node)), _labels_of(part, str(key), labels, title))
+        names += _names(part, (str(key), node), _labels_of(part, str(key), labels, title))
     return title, np.concatenate(triangles) if triangles else np.zeros((0, 3, 3)), names
 
 

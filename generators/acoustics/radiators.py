@@ -21,7 +21,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from generators.acoustics.directivity import Directivity, unit_vectors
+from generators.acoustics.directivity import Directivity, direction_grid
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.tracer.arrivals import BANDS
 from generators.acoustics.tracer.receivers.sphere import sphere_response
@@ -93,9 +93,9 @@ def modelled(category: str) -> Directivity | None:
     radiator = RADIATORS.get(category)
     if radiator is None:
         return None
-    azimuths, elevations = np.arange(-180.0, 180.0, _TABLE_STEP), np.arange(-90.0, 90.0 + _TABLE_STEP, _TABLE_STEP)
+    azimuths, elevations, directions = direction_grid(_TABLE_STEP)
     axis = np.asarray(radiator.axis) / math.hypot(*radiator.axis)
-    angles = np.arccos(np.clip(unit_vectors(azimuths[:, None], elevations[None]) @ axis, -1.0, 1.0))
+    angles = np.arccos(np.clip((directions * axis).sum(axis=-1), -1.0, 1.0))
     fine = np.radians(np.arange(0.0, 180.0 + _STEP, _STEP))
     profile = np.sqrt(radiator.profile(fine))
     amplitudes = np.stack([np.interp(angles, fine, column) for column in profile.T])

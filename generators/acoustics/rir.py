@@ -104,6 +104,13 @@ class Rir:
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(10 * np.log10(np.maximum(remaining / remaining[0], 0.0)))
 
+    def __repr__(self) -> str:
+        channels, count = self.samples.shape
+        return (
+            f"Rir({channels} channels, {count / self.sample_rate:.2f} s at {self.sample_rate} Hz, "
+            f"{self.distance:.2f} m, {self.provenance.get('backend', 'unknown engine')})"
+        )
+
     def plot(self, axes: Any = None) -> Any:
         """Draw the waveform of each channel and the decay curves of the octaves.
 

@@ -142,7 +142,7 @@ class Room:
         """
         from generators.acoustics.meshes import named_faces
 
-        name, triangles, names = named_faces(mesh, labels)
+        name, triangles, names = named_faces(mesh, labels, MOST_FACES)
         if up not in ("y", "z"):
             raise UsageError(f"{name}: up is {up!r}, expected 'y' or 'z'")
         if not (math.isfinite(scale) and scale > 0):
@@ -209,11 +209,6 @@ def _check_mesh(name: str, triangles: F64) -> None:
     """Refuse what would hang an engine or is no room in metres."""
     if not len(triangles):
         raise Avs3dError(f"{name}: has no faces; expected a triangle mesh")
-    if len(triangles) > MOST_FACES:
-        raise Avs3dError(
-            f"{name}: {len(triangles):,} faces, expected at most {MOST_FACES:,}; simplify it first, for example with "
-            "trimesh's simplify_quadric_decimation(face_count=100_000): sound does not see small detail"
-        )
     bad = int((~np.isfinite(triangles)).any(axis=(1, 2)).sum())
     if bad:
         raise Avs3dError(f"{name}: {bad} of {len(triangles)} faces have corners that are NaN or infinite; repair it")

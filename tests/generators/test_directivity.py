@@ -16,6 +16,7 @@ from generators.acoustics.analytic import AnalyticBackend, Box, image_sources
 from generators.acoustics.directivity import Directivity, unit_vectors
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.radiators import RADIATORS, Radiator, modelled
+from generators.acoustics.soundspaces import SoundSpacesBackend
 from generators.acoustics.tracer.air import energy_exponents
 from generators.acoustics.tracer.arrivals import BANDS, Arrivals
 from generators.acoustics.tracer.diffraction import diffracted, lit_edges
@@ -391,3 +392,11 @@ def test_a_body_that_radiates_all_over_is_alike_in_all_directions_and_a_small_on
     # ka = 0.006 at 63 Hz.
     small = Radiator("one side", (0.01, 0.01, 0.01), 1e-5, (0, 0, 1)).profile(angles)
     assert decibels(small / small[0])[:, 0] == pytest.approx(0, abs=0.05)
+
+
+def test_the_engine_without_directivities_says_so():
+    engine = SoundSpacesBackend.__new__(SoundSpacesBackend)  # the package need not be installed
+    with pytest.raises(
+        Avs3dError, match="nowhere: the soundspaces engine has only sources that are alike in all direct"
+    ):
+        engine.open(NOWHERE, (0, 0, 0), room="kitchen", directivity=CARDIOID)
