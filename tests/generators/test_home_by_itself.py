@@ -233,6 +233,8 @@ def test_a_home_without_objects_shows_its_room(home: Home) -> None:
         (lambda h, s, r: s.export("home.gltf"), "ends in .glb"),
         (lambda h, s, r: Home.apartment(-1), "seed -1; expected a whole number"),
         (lambda h, s, r: Home.apartment(1, light="preveiw"), "'preveiw'.*did you mean 'preview'"),
+        (lambda h, s, r: Home.apartment(1, device="gpu"), "device 'gpu'; expected one of cpu, cuda"),
+        (lambda h, s, r: Home.from_scan(__file__, rooms=["kitchen"]), "rooms .'kitchen'.; expected boxes by name"),
         (lambda h, s, r: Home.from_scan("no.glb"), "no.glb: does not exist; expected a mesh"),
         (lambda h, s, r: Home.from_scan(__file__), r"test_home_by_itself.py: "),
     ],
@@ -243,6 +245,26 @@ def test_bad_input_is_told_in_one_line(
     with pytest.raises(Avs3dError, match=says) as caught:
         wrong(home, scene, renderer)
     assert "\n" not in str(caught.value)
+
+
+def test_a_flat_is_the_one_that_a_manifest_caches(home: Home, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from generators.homes.store import open_home
+    from generators.options import GenerateOptions
+    from generators.plan import make_plans, read_manifest
+    from tests.support.homes import write_manifest
+
+    asked: list[tuple[object, ...]] = []
+    monkeypatch.setattr(
+        "generators.homes.store.cached_scene",
+        lambda folder, key, build, device: asked.append((folder, key, device)) or home.scene(),
+    )
+    manifest = write_manifest(tmp_path, scans={"home_7": {"seed": 7}}, light="preview")
+    manifest.write_text(manifest.read_text().replace("scan: box", "scan: home_7"))
+    plan = make_plans(read_manifest(manifest), GenerateOptions(audio="analytic"))[0]
+    open_home(plan, tmp_path)
+    Home.apartment(7, light="preview", cache=tmp_path)
+    Home.apartment(7, light="high", cache=tmp_path)
+    assert asked[0] == asked[1] != asked[2]
 
 
 def test_a_home_with_several_rooms_asks_for_one(home: Home) -> None:
