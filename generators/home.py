@@ -32,8 +32,8 @@ from generators.plan import home_digest
 from generators.scans.files import scan_files_of
 from generators.scans.scan import Axes, load_scan
 from generators.scenes.home_scene import HomeScene
-from generators.surveying.run import is_gltf, read_file, rooms_of
-from generators.surveying.survey import survey
+from generators.surveying.run import find_rooms
+from generators.surveying.survey import KnownFrame
 
 
 class Home(HomeScene):
@@ -128,8 +128,6 @@ class Home(HomeScene):
             )
         files = scan_files_of(file.resolve())
         if rooms is None and files.kind == "file":
-            mesh = read_file(file)
-            found = survey(file.name, mesh.positions, gltf=is_gltf(file))
-            rooms = rooms_of(found)
-            axes = Axes(found.up, found.front, found.turn, found.scale)
+            known = KnownFrame(axes.up, axes.front, axes.scale) if axes else None
+            axes, rooms = find_rooms(file, known)
         return cls(load_scan(label, files, rooms, licence=licence, axes=axes or Axes()))

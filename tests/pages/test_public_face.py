@@ -24,7 +24,7 @@ PUBLIC = {
     "avs3d_bench": {"Dataset", "Observation", "Frame", "SubmissionWriter", "validate", "UsageError", "geometry"},
     "evaluators": {"evaluate", "check", "metrics", "check_submission", "open_submission", "write_report"}
     | {"InvalidSubmission", "write_leaderboard"},
-    "generators": {"read_manifest", "generate", "Home", "HomeScene", "Renderer", "RenderedView", "objects"},
+    "generators": {"read_manifest", "generate"},
     "baselines": {"echosegnet", "oracle", "trivial", "owod_bind", "denseav", "listener"},
     "baselines.echosegnet": {"write_echosegnet", "Settings", "predict"},
     "baselines.owod_bind": {"write_owod_bind", "load_owod_bind"},
