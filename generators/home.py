@@ -16,6 +16,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
+from typing import get_args
 
 from numpy.typing import ArrayLike
 
@@ -26,12 +27,13 @@ from generators.core.scene import Licence, Scene
 from generators.homes.store import lit_apartment
 from generators.lighting.bake import QUALITIES
 from generators.manifest.schema import ScanSpec
+from generators.options import Device
 from generators.plan import home_digest
 from generators.scans.files import scan_files_of
 from generators.scans.scan import Axes, load_scan
 from generators.scenes.home_scene import HomeScene
-from generators.surveying.run import is_gltf, read_file, rooms_of
-from generators.surveying.survey import survey
+from generators.surveying.run import find_rooms
+from generators.surveying.survey import KnownFrame
 
 
 class Home(HomeScene):
@@ -70,7 +72,7 @@ class Home(HomeScene):
             workers: threads; None: one for each core. The flat does not depend on them.
 
         Raises:
-            UsageError: if the seed is no whole number of 0 or more, or there is no such quality.
+            UsageError: if the seed is no whole number of 0 or more, or there is no such quality or device.
             Avs3dError: if the cache cannot be written, or CUDA cannot be used.
         """
         if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
@@ -78,6 +80,9 @@ class Home(HomeScene):
         if light not in QUALITIES:
             hint = did_you_mean(light, QUALITIES)
             raise UsageError(f"Home.apartment: light {excerpt(light)}; expected one of {', '.join(QUALITIES)}{hint}")
+        if device not in get_args(Device):
+            known = ", ".join(get_args(Device))
+            raise UsageError(f"Home.apartment: device {excerpt(device)}; expected one of {known}")
         label = name or f"home_{seed}"
         of_device = () if device == "cpu" else (cuda_version(),)
         key = home_digest(label, ScanSpec(source="apartment", seed=seed), light, *of_device)
@@ -108,6 +113,7 @@ class Home(HomeScene):
             licence: of the scan.
 
         Raises:
+            UsageError: if ``rooms`` are no boxes by name.
             Avs3dError: if the file is missing or no mesh, or has no room; or a box holds no floor.
         """
         file = Path(path)
@@ -115,10 +121,13 @@ class Home(HomeScene):
         if not file.is_file():
             what = "is a folder" if file.is_dir() else "does not exist"
             raise Avs3dError(f"{file}: {what}; expected a mesh: .glb, .gltf, .obj or .ply")
+        if rooms is not None and not isinstance(rooms, Mapping):
+            raise UsageError(
+                f'Home.from_scan: rooms {excerpt(rooms)}; expected boxes by name, e.g. {{"kitchen": [[0, 0, 0], '
+                "[4, 2.5, 3]]}, lowest and highest corner in metres"
+            )
         files = scan_files_of(file.resolve())
         if rooms is None and files.kind == "file":
-            mesh = read_file(file)
-            found = survey(file.name, mesh.positions, gltf=is_gltf(file))
-            rooms = rooms_of(found)
-            axes = Axes(found.up, found.front, found.turn, found.scale)
+            known = KnownFrame(axes.up, axes.front, axes.scale) if axes else None
+            axes, rooms = find_rooms(file, known)
         return cls(load_scan(label, files, rooms, licence=licence, axes=axes or Axes()))

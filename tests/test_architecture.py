@@ -164,9 +164,9 @@ HOUSE = {
         "run": "core assets vision acoustics options backends scans manifest library plan homes observation",
         "sampling": "core assets options apartments placement paths manifest library plan observation",
         "surveying": "core assets scans vision options placement manifest library plan observation sampling",
-        "home": "core lighting scans scenes manifest plan homes surveying",
         "cli": "core options manifest plan run",
         "sealing": "options backends manifest plan observation run sampling cli",
+        "home": "core lighting options scans scenes manifest plan homes surveying",
     },
     "evaluators": {
         "metrics": "",

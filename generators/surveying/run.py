@@ -90,21 +90,21 @@ def survey_scan(request: ScanRequest, command: str) -> ScanOutcome:
 
 def _survey_mesh(request: ScanRequest, command: str) -> ScanOutcome:
     """Survey a mesh file, and write the page and the manifest."""
-    mesh = read_file(request.file)
-    surveyed = survey(request.file.name, mesh.positions, request.known, gltf=is_gltf(request.file))
+    mesh = _read(request.file)
+    surveyed = survey(request.file.name, mesh.positions, request.known, gltf=_is_gltf(request.file))
     name = request.name or _slug(request.output.stem)
     document = document_of(name, relative_name(request.file, request.output), surveyed, request.licence)
     if request.surfaces:
         document["scans"][name]["surfaces"] = request.surfaces
     if request.splats is not None:
         document["scans"][name]["splats"] = relative_name(request.splats, request.output)
-    boxes = rooms_of(surveyed)
+    boxes = _rooms_of(surveyed)
     home, sound = read_scan(
         name,
         replace(scan_files_of(request.file.resolve()), splats=request.splats),
         boxes,
         licence=Licence(*request.licence, request.file.name) if request.licence else None,
-        axes=Axes(surveyed.up, surveyed.front, surveyed.turn, surveyed.scale),
+        axes=_axes_of(surveyed),
         acoustics=ScanAcoustics(surfaces=request.surfaces),
     )
     if request.splats is not None:
@@ -139,12 +139,7 @@ def _doubts(measures: Sequence[RoomMeasures]) -> list[str]:
     return out
 
 
-def rooms_of(surveyed: Survey) -> dict[str, NDArray[np.float64]]:
-    """Room → its box (2, 3): lowest and highest corner, metres."""
-    return {room: np.array([surveyed.boxes[n].low, surveyed.boxes[n].high]) for room, n in surveyed.rooms.items()}
-
-
-def read_file(file: Path) -> Mesh:
+def _read(file: Path) -> Mesh:
     """The mesh as its file has it.
 
     Raises:
@@ -162,8 +157,32 @@ def read_file(file: Path) -> Mesh:
     return mesh
 
 
-def is_gltf(file: Path) -> bool:
-    """Whether a file is a glTF file, whose format says that Y is up."""
+def find_rooms(file: Path, known: KnownFrame | None = None) -> tuple[Axes, dict[str, NDArray[np.float64]]]:
+    """How the mesh of a scan lies, and its rooms, named by their size.
+
+    Args:
+        file: the mesh.
+        known: what need not be found.
+
+    Returns:
+        its axes and unit, and for each room its box (2, 3): lowest and highest corner, metres.
+
+    Raises:
+        Avs3dError: one line, if it is missing, no mesh, without colours, or no room.
+    """
+    surveyed = survey(file.name, _read(file).positions, known or KnownFrame(), gltf=_is_gltf(file))
+    return _axes_of(surveyed), _rooms_of(surveyed)
+
+
+def _axes_of(surveyed: Survey) -> Axes:
+    return Axes(surveyed.up, surveyed.front, surveyed.turn, surveyed.scale)
+
+
+def _rooms_of(surveyed: Survey) -> dict[str, NDArray[np.float64]]:
+    return {room: np.array([surveyed.boxes[n].low, surveyed.boxes[n].high]) for room, n in surveyed.rooms.items()}
+
+
+def _is_gltf(file: Path) -> bool:
     return file.suffix.lower() in (".glb", ".gltf")
 
 

@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ import pytest
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators import Home, HomeScene, Renderer, objects
+from generators.core.scene import Scene
 from generators.core.seeds import random_numbers
 from generators.scenes.renderer import room_at
 from generators.scenes.showing import show
@@ -39,6 +41,12 @@ def scene(home: Home) -> HomeScene:
 @pytest.fixture(scope="module")
 def renderer(scene: HomeScene) -> Renderer:
     return Renderer(scene)
+
+
+def test_the_names_of_a_home_are_public() -> None:
+    import generators
+
+    assert {"Home", "HomeScene", "Renderer", "RenderedView", "objects"} <= set(dir(generators))
 
 
 def test_a_model_is_the_one_that_datasets_draw_with_the_same_numbers() -> None:
@@ -233,6 +241,8 @@ def test_a_home_without_objects_shows_its_room(home: Home) -> None:
         (lambda h, s, r: s.export("home.gltf"), "ends in .glb"),
         (lambda h, s, r: Home.apartment(-1), "seed -1; expected a whole number"),
         (lambda h, s, r: Home.apartment(1, light="preveiw"), "'preveiw'.*did you mean 'preview'"),
+        (lambda h, s, r: Home.apartment(1, device="gpu"), "device 'gpu'; expected one of cpu, cuda"),
+        (lambda h, s, r: Home.from_scan(__file__, rooms=cast(Any, ["hall"])), "rooms .'hall'.; expected boxes by name"),
         (lambda h, s, r: Home.from_scan("no.glb"), "no.glb: does not exist; expected a mesh"),
         (lambda h, s, r: Home.from_scan(__file__), r"test_home_by_itself.py: "),
     ],
@@ -243,6 +253,28 @@ def test_bad_input_is_told_in_one_line(
     with pytest.raises(Avs3dError, match=says) as caught:
         wrong(home, scene, renderer)
     assert "\n" not in str(caught.value)
+
+
+def test_a_flat_is_the_one_that_a_manifest_caches(home: Home, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from generators.homes.store import open_home
+    from generators.options import GenerateOptions
+    from generators.plan import make_plans, read_manifest
+    from tests.support.homes import write_manifest
+
+    asked: list[tuple[object, ...]] = []
+
+    def cached(folder: Path, key: str, build: object, device: str) -> Scene:
+        asked.append((folder, key, device))
+        return home.scene()
+
+    monkeypatch.setattr("generators.homes.store.cached_scene", cached)
+    manifest = write_manifest(tmp_path, scans={"home_7": {"seed": 7}}, light="preview")
+    manifest.write_text(manifest.read_text().replace("scan: box", "scan: home_7"))
+    plan = make_plans(read_manifest(manifest), GenerateOptions(audio="analytic"))[0]
+    open_home(plan, tmp_path)
+    Home.apartment(7, light="preview", cache=tmp_path)
+    Home.apartment(7, light="high", cache=tmp_path)
+    assert asked[0] == asked[1] != asked[2]
 
 
 def test_a_home_with_several_rooms_asks_for_one(home: Home) -> None:
