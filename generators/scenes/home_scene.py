@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from avs3d_bench.errors import UsageError, did_you_mean, excerpt
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.acoustics.geometry import AcousticMesh, acoustic_mesh
+from generators.acoustics.rooms import Room as SoundRoom
 from generators.assets.model import Model
 from generators.core.freespace import SENSOR_HEIGHT
 from generators.core.scene import Room, Scene, SupportKind
@@ -139,6 +140,22 @@ class HomeScene(PlacedScene):
         """
         source = (math.inf,) * 3 if sounding is None else self.placement(sounding).source_position
         return acoustic_mesh(self.acoustic_scene, source)
+
+    def acoustics(self, sounding: int | None = None) -> SoundRoom:
+        """The same as a room of `generators.acoustics`, whose engines give responses and moving sounds in it.
+
+        Args:
+            sounding: as for `acoustic_mesh`.
+
+        Raises:
+            UsageError: if no object has that id.
+
+        Examples:
+            >>> room = scene.acoustics(sounding=1)  # doctest: +SKIP
+            >>> acoustics.Tracer().response(room, scene.placement(1).source_position, pose)  # doctest: +SKIP
+        """
+        mesh = self.acoustic_mesh(sounding)
+        return SoundRoom(self.acoustic_scene.name, mesh.triangles.astype(np.float64), tuple(mesh.labels))
 
     def hear(
         self,

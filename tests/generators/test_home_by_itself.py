@@ -13,7 +13,7 @@ import pytest
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
-from generators import Home, HomeScene, Renderer, objects
+from generators import Home, HomeScene, Renderer, acoustics, objects
 from generators.core.scene import Scene
 from generators.core.seeds import random_numbers
 from generators.scenes.renderer import room_at
@@ -167,6 +167,18 @@ def test_the_acoustic_mesh_is_what_engines_take(scene: HomeScene) -> None:
     body = len(scene.placements[0].mesh.acoustic_positions)
     assert with_all.triangles.shape == (len(with_all.labels), 3, 3)
     assert 0 < len(with_all.labels) - len(without.labels) <= body
+
+
+def test_engines_hear_the_home_as_a_room(scene: HomeScene) -> None:
+    """The room has the triangles that engines take, and the first sound comes straight from the object."""
+    room = scene.acoustics(sounding=1)
+    mesh = scene.acoustic_mesh(sounding=1)
+    assert np.array_equal(room.triangles, mesh.triangles)
+    assert room.labels == mesh.labels
+    source, listener = np.array(scene.placements[0].source_position), scene.look_at(1)
+    response = acoustics.Analytic().response(room, source, listener, acoustics.Omni())
+    first = int(np.argmax(np.abs(response.samples[0]) > 0.1 * np.abs(response.samples).max())) / response.sample_rate
+    assert first == pytest.approx(np.linalg.norm(source - listener.position) / 343.0, abs=5e-4)
 
 
 def test_a_room_is_found_in_a_scan_without_boxes(room: Path) -> None:
