@@ -126,7 +126,9 @@ def estimate(lit: LitScene, rooms: tuple[Room, ...]) -> ScanLight:
         rooms = (Room("scan", low, high),)  # type: ignore[arg-type]
     looks = _look_around(lit, rooms)
     limit, shining = _bright_points(surfaces, rooms)
-    regions = [*shining, *_openings(looks, rooms)][:_MOST_REGIONS]
+    # In a flat, small things that clip would otherwise take the places of the windows.
+    regions = sorted([*shining, *_openings(looks, rooms)], key=lambda region: -float(region.area.sum()))
+    regions = regions[:_MOST_REGIONS]
     position, normal = (
         np.concatenate([getattr(r, name) for r in regions] or [_NONE]) for name in ("position", "normal")
     )
