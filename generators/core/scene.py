@@ -243,6 +243,19 @@ class SplatFile:
 
 
 @dataclass(frozen=True, eq=False)
+class ScanSun:
+    """The sun that shines into a scanned room.
+
+    Attributes:
+        direction: (3,) float64 unit vector towards it.
+        radiance: (3,) float32, reflected radiance of a white surface that faces it.
+    """
+
+    direction: NDArray[np.float64]
+    radiance: F32
+
+
+@dataclass(frozen=True, eq=False)
 class ScanLight:
     """The light of a scan that its pictures do not show (generators/lighting/scan_light.py estimates it).
 
@@ -256,6 +269,7 @@ class ScanLight:
         beyond: (3,) float32 radiance from where rays leave the scan.
         ceiling: height (world Y, metres) from which on faces that look down belong to the ceiling.
         glow: (3,) float32 radiance that the ceiling has beyond what is shown of it.
+        sun: the sun, if its patches were found.
     """
 
     position: F32
@@ -266,6 +280,7 @@ class ScanLight:
     beyond: F32
     ceiling: float
     glow: F32
+    sun: ScanSun | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ albedos, and these scatter about the values that are usual indoors (EN 12464-1:2
 0.5–0.8 for walls, 0.2–0.6 for floors; with furniture they are lower). So the brightness falls off along the walls as it
 does in the pictures, and the energy balance of the room is right even where nothing clips.
 
-The light of the regions is neutral: a phone balances white for it.
+The light of the regions is neutral: a phone balances white for it. The sun is found apart (scan_sun.py).
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ from generators.lighting.direct import direct_light
 from generators.lighting.emitters import Emitters, bright_patches, face_areas
 from generators.lighting.gather import hemisphere_rays
 from generators.lighting.lit_scene import LitScene, Unseen, is_bright
+from generators.lighting.scan_sun import LevelPoints, find_scan_sun
 from generators.lighting.surfaces import LitSurfaces, albedo_at
 
 #: Radiance from which a texel may be clipped: sRGB 250 of 255, for JPEG and resampling blur the end of the range.
@@ -125,7 +126,9 @@ def estimate(lit: LitScene, rooms: tuple[Room, ...]) -> ScanLight:
         rooms = (Room("scan", low, high),)  # type: ignore[arg-type]
     looks = _look_around(lit, rooms)
     limit, shining = _bright_points(surfaces, rooms)
-    regions = [*shining, *_openings(looks, rooms)][:_MOST_REGIONS]
+    # In a flat, small things that clip would otherwise take the places of the windows.
+    regions = sorted([*shining, *_openings(looks, rooms)], key=lambda region: -float(region.area.sum()))
+    regions = regions[:_MOST_REGIONS]
     position, normal = (
         np.concatenate([getattr(r, name) for r in regions] or [_NONE]) for name in ("position", "normal")
     )
@@ -144,7 +147,26 @@ def estimate(lit: LitScene, rooms: tuple[Room, ...]) -> ScanLight:
     total = (power + shown)[: len(regions)]
     radiance = np.repeat(total, [len(r.position) for r in regions])[:, None] * np.ones(3)
     glow, beyond = (np.full(3, power[k], dtype=np.float32) for k in (-2, -1))
-    return ScanLight(position, normal, area, radiance.astype(np.float32), limit, beyond, ceiling, glow)
+    up = normal[:, 1] > 0.7
+    clipped = LevelPoints(position[up], radiance[up].astype(np.float32))
+    sun = find_scan_sun(lit, rooms, _level_points(lit, looks, rooms), clipped, limit)
+    return ScanLight(position, normal, area, radiance.astype(np.float32), limit, beyond, ceiling, glow, sun)
+
+
+def _level_points(lit: LitScene, looks: _Looks, rooms: tuple[Room, ...]) -> list[LevelPoints]:
+    """What faces up in the lower half of each room and is seen there."""
+    face = looks.hits["primID"]
+    level = lit.front(looks.hits, looks.directions) & (lit.surfaces.face_normal[np.maximum(face, 0), 1] > 0.7)
+    found = []
+    for number, room in enumerate(rooms):
+        own = np.flatnonzero(level & (looks.room == number))
+        position = looks.origins[own] + looks.directions[own] * looks.hits["tfar"][own, None]
+        low = position[:, 1] < (room.low[1] + room.high[1]) / 2
+        own, position = own[low], position[low]
+        found.append(
+            LevelPoints(position, albedo_at(lit.surfaces, face[own], looks.hits["u"][own], looks.hits["v"][own]))
+        )
+    return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,16 +23,16 @@ from generators.core.tone import tone_curve
 from generators.lighting.direct import direct_light
 from generators.lighting.gather import CHUNK, hemisphere_rays
 from generators.lighting.lit_scene import OUTSIDE
+from generators.lighting.scan_sun import BUMPS
+from generators.lighting.sun import sun_light
 from generators.lighting.surfaces import in_chunks
-from generators.lighting.surroundings import RAYS, WORKERS, Surroundings, nearest_box
+from generators.lighting.surroundings import RAYS, SAMPLES, WORKERS, Surroundings, nearest_box
 from generators.lighting.unwrap import LightMapLayout
 
 #: How far objects shade a scan: this many times their longest side, within limits (m).
 _FAR, _LEAST, _MOST = 2.0, 0.35, 1.2
 #: Side of the texels (m): a part of the least reach within limits, made larger if there would be more than so many.
 _PART, _FINEST, _COARSEST, _TEXELS = 1 / 60, 0.006, 0.012, 200_000
-#: Rays pass what is nearer than this to where they begin, metres: a scan is rough, and its bumps shade nothing.
-BUMPS = 0.05
 #: Rounds in which the normals of neighbouring faces are averaged, and the least cosine between such neighbours.
 _ROUNDS, _ALIKE = 4, 0.5
 #: Least cosine between a face and the axis along which its chart is seen.
@@ -243,7 +243,12 @@ def received(room: Surroundings, texel: NDArray[np.int64]) -> F32:
     away, near = np.asarray(found[0]), np.asarray(found[1])
     weight = 1.0 / (away**2 + 1e-3)
     weight /= weight.sum(axis=1, keepdims=True)
-    return np.asarray(np.einsum("nk,nkc->nc", weight, light[near]).astype(np.float32))
+    around = np.asarray(np.einsum("nk,nkc->nc", weight, light[near]).astype(np.float32))
+    if room.sun is None:
+        return around
+    # The edge of a patch of sun is sharp.
+    own = (texels.pattern[texel], texels.position[texel], texels.normal[texel], texels.across[texel])
+    return around + sun_light(room.sun, *own, base.tracer, SAMPLES)
 
 
 def beyond_bumps(directions: F32) -> F32:

@@ -19,7 +19,8 @@ from generators.lighting.direct import direct_light
 from generators.lighting.emitters import Emitters
 from generators.lighting.gather import CHUNK, hemisphere_rays
 from generators.lighting.lit_scene import OUTSIDE, LitScene
-from generators.lighting.scan_shadow import BUMPS, beyond_bumps, displayed, received, scaled_distance
+from generators.lighting.scan_shadow import beyond_bumps, displayed, received, scaled_distance
+from generators.lighting.scan_sun import BUMPS
 from generators.lighting.smoothing import fill, smooth
 from generators.lighting.sun import sun_light
 from generators.lighting.surfaces import in_chunks

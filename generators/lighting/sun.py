@@ -39,11 +39,26 @@ class Sun:
         direction: (3,) float64 unit vector towards the sun.
         radiance: (3,) float32, reflected radiance of a white surface that faces the sun.
         pane: (F,) bool, the faces that let the beam in.
+        roofs: (R, 2, 3) boxes of rooms: what leaves all faces arrives, too, unless it goes through the top of one, for
+            scanners do not see glass, and may have left out the ceiling; None: it does not arrive.
+        bumps: what is this near along a ray to it is not in its way, metres: the roughness of a scan.
     """
 
     direction: NDArray[np.float64]
     radiance: F32
     pane: NDArray[np.bool_]
+    roofs: F32 | None = None
+    bumps: float = 0.0
+
+
+def through_roof(origins: F32, directions: F32, rooms: F32) -> NDArray[np.bool_]:
+    """(N,) whether rays that go up leave one of the boxes ``rooms`` (R, 2, 3) through its top."""
+    out = np.zeros(len(origins), dtype=bool)
+    for low, high in rooms:
+        way = (high[1] - origins[:, 1]) / np.maximum(directions[:, 1], 1e-6)
+        at = origins[:, [0, 2]] + way[:, None] * directions[:, [0, 2]]
+        out |= (way > 0) & ((at > low[[0, 2]]) & (at < high[[0, 2]])).all(axis=1)
+    return out
 
 
 def _outside(surfaces: LitSurfaces, tracer: Tracer, faces: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -209,9 +224,13 @@ def sun_light(
         if objects is not None:
             blocked = objects.occluded(origins, directions, np.full(len(origins), 1e4, dtype=np.float32))
             rays = np.flatnonzero(blocked == lost)
-        found = tracer.intersect(origins[rays], directions[rays])["primID"]
+        starts = origins[rays] + np.float32(sun.bumps) * directions[rays] if sun.bumps else origins[rays]
+        found = tracer.intersect(starts, directions[rays])["primID"]
         lit = np.zeros(len(origins), dtype=bool)
         lit[rays] = (found >= 0) & sun.pane[np.maximum(found, 0)]
+        if sun.roofs is not None:
+            left = rays[found < 0]
+            lit[left] = ~through_roof(origins[left], directions[left], sun.roofs)
         return np.asarray(lit.reshape(len(texel), count).sum(axis=1))
 
     number = np.full(len(facing), float(samples))

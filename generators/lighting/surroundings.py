@@ -13,6 +13,7 @@ from generators.lighting.direct import shadow_rays
 from generators.lighting.emitters import BRIGHT, Emitters, bright_patches, find_emitters
 from generators.lighting.lit_scene import LitScene
 from generators.lighting.scan_light import emitters_of, without_emitters
+from generators.lighting.scan_sun import beam_of
 from generators.lighting.sun import Sun, find_sun
 from generators.lighting.surfaces import LitSurfaces
 from generators.lighting.texels import Sheet, Texels, rasterise
@@ -99,7 +100,8 @@ class Surroundings:
         if scene.scan_light is not None:
             emitters = emitters.joined(emitters_of(scene.scan_light, SAMPLES, boxes))
             dim = without_emitters(scene.scan_light, lit, scanned)
-            return Surroundings(lit, dim, texels, emitters, None, scanned)
+            sun = beam_of(scene.scan_light, scene.rooms, surfaces, scanned[surfaces.part])
+            return Surroundings(lit, dim, texels, emitters, sun, scanned)
         light = lit.light
         if len(texels):
             radiance = texels.albedo * light[texels.cell]
