@@ -10,7 +10,7 @@ the listener (`benchmarks.listener_page`) and the paper's tables (`avs3d tables`
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -49,6 +49,11 @@ def figures(group: GroupScores | None, protocol: str, *names: str) -> list[str]:
 def text(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A Markdown table."""
     return "\n".join(table(head, rows)).rstrip()
+
+
+def scored_text(document: Mapping[str, Any]) -> str:
+    """Which dataset and version figures are of, and how many observations."""
+    return f"Measured on {document['scored']} observations of `{document['dataset']}` {document['version']}."
 
 
 class Results:
@@ -100,7 +105,8 @@ class Results:
 
     def guesses(self) -> str:
         """Guesses with perfect masks under ``listen``."""
-        found = self.json("listen-chance")["guesses"]
+        document = self.json("listen-chance")
+        found = document["guesses"]
         known = {
             "instance": ("nothing", "one instance at random"),
             "presence, instance": ("whether a source is audible", "nothing, or one instance at random"),
@@ -109,13 +115,14 @@ class Results:
         }
         figures = ("twins", "pair_accuracy", *PAIR_KINDS[1:])
         rows = [[*said, *(share(found[n].get(name)) for name in figures)] for n, said in known.items()]
-        return text(["known from the sound", "marked", *figures], rows)
+        return f"{text(['known from the sound', 'marked', *figures], rows)}\n\n{scored_text(document)}"
 
     def references(self) -> str:
         """The reference rows of place under ``listen``."""
         names = ("twins", "pair_accuracy", *PAIR_KINDS[1:], "IoU")
-        found = self.json("listen-references")["references"]
-        return text(["row", *names], [[row, *(share(found[row][name]) for name in names)] for row in REFERENCES])
+        document = self.json("listen-references")
+        rows = [[row, *(share(document["references"][row][name]) for name in names)] for row in REFERENCES]
+        return f"{text(['row', *names], rows)}\n\n{scored_text(document)}"
 
     def separability(self) -> str:
         """Seconds and takes that recognisers assign to the right category."""
@@ -135,7 +142,8 @@ class Results:
     def sound_controls(self) -> str:
         """The listener with another sound in place of its own."""
         rows = sound_rows.controls_table(self.json("listener-sounds")["controls"])
-        return text(["`--sound`", "part_1", "part_2", "listen, twins", "listen, all pairs", "listen, IoU"], rows)
+        listen = [f"{version}, {which}" for version in sound_rows.LISTEN_VERSIONS for which in ("twins", "all pairs")]
+        return text(["`--sound`", "part_1", "part_2", *listen], rows)
 
     def echosegnet_sounds(self) -> str:
         """EchoSegnet with another sound in place of its own, part_2."""

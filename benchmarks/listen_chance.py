@@ -122,8 +122,9 @@ def _share_right(
 @click.option("--json", "report", type=click.Path(path_type=Path), default=None, help="Also write the figures here.")
 def main(root: Path, workers: int | None, report: Path | None) -> None:
     """Print what guesses reach on part_3 of ROOT: means over groups, as `pair_accuracy`."""
+    dataset = Dataset(root)
     groups: dict[str, list[str]] = {}
-    for observation in Dataset(root):
+    for observation in dataset:
         if observation.is_part_3:
             groups.setdefault(observation.group_key, []).append(observation.key)
     if not groups:
@@ -139,7 +140,14 @@ def main(root: Path, workers: int | None, report: Path | None) -> None:
         table.add_row(name, *("–" if value is None else f"{value:.3f}" for value in document[name].values()))
     Console().print(table)
     if report is not None:
-        write_json(report, {"groups": len(groups), "guesses": document})
+        scored = sum(map(len, groups.values()))
+        of = {
+            "dataset": dataset.name,
+            "version": dataset.record.version if dataset.record else None,
+            "scored": scored,
+            "groups": len(groups),
+        }
+        write_json(report, of | {"guesses": document})
 
 
 if __name__ == "__main__":

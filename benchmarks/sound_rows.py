@@ -18,6 +18,8 @@ from avs3d_bench.formats.files import write_json
 from avs3d_bench.formats.media import read_record
 from benchmarks.listener_summary import share
 
+#: Names of the rows of part_3 in the table of controls: the dataset and its version.
+LISTEN_VERSIONS = ("listen 3.0.0", "listen 4.0.0")
 _LISTEN = ("pair_accuracy", *PAIR_KINDS, "IoU", "FP_rate")
 
 
@@ -52,19 +54,19 @@ def sounds_table(rows: Mapping[str, Any]) -> list[list[str]]:
 
 
 def controls_table(rows: Mapping[str, Any]) -> list[list[str]]:
-    """Rows of the controls: strict IoU of both parts; under ``listen`` twins, all pairs and IoU."""
+    """Rows of the controls: strict IoU of both parts; under ``listen`` twins and all pairs of each version."""
     return [
         [
             title,
             *(share(row["open"][part]["strict_IoU"]["value"]) for part in ("part_1", "part_2")),
-            *(share(_listening(row, name)) for name in ("twins", "pair_accuracy", "IoU")),
+            *(share(_listening(row, of, name)) for of in LISTEN_VERSIONS for name in ("twins", "pair_accuracy")),
         ]
         for title, row in rows.items()
     ]
 
 
-def _listening(row: Mapping[str, Any], name: str) -> float | None:
-    return row["listen"]["part_3"][name]["value"] if "listen" in row else None
+def _listening(row: Mapping[str, Any], version: str, name: str) -> float | None:
+    return row[version]["part_3"][name]["value"] if version in row else None
 
 
 def with_interval(figure: Mapping[str, Any]) -> str:

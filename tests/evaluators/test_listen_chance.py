@@ -54,7 +54,7 @@ def test_the_program(data: Path, tmp_path: Path):
     done = CliRunner().invoke(main, [str(data), "--workers", "1", "--json", str(tmp_path / "c.json")])
     assert done.exit_code == 0, done.output
     found = json.loads((tmp_path / "c.json").read_text())
-    assert found["groups"] == 1
+    assert (found["groups"], found["scored"]) == (1, len(GROUP))
     assert set(found["guesses"]) == set(GUESSES)
     expected = group_chance(data, GROUP)["category, one"]
     assert found["guesses"]["category, one"] == {name: pytest.approx(value) for name, value in expected.items()}

@@ -6,6 +6,7 @@ import json
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -68,3 +69,11 @@ def test_shares_of_recognisers_stand_below_their_own_filter() -> None:
     head, shares = list(separability.CHANGES), separability.shares_table(report)
     assert dict(zip(head, shares[0][2:], strict=True)) == {name: f"{one:.2f} (1.00)" for name, one in changes.items()}
     assert dict(zip(head, shares[1][2:], strict=True)) == {"whole": "0.20 (0.10)"} | dict.fromkeys(head[1:], "")
+
+
+def test_a_voice_that_is_left_out_is_not_its_own_neighbour() -> None:
+    """Each voice lies beside one of the other category: only what it was trained on itself would be right."""
+    names = ["clock/a/0", "clock/b/0", "toilet/a/0", "toilet/b/0"]
+    clips = separability.Clips(np.zeros((4, 1)), np.array([5, 5, 1, 1]), names)
+    answers = separability.left_out(clips, np.array([[0.0], [10.0], [9.0], [1.0]]))
+    assert answers.argmax(axis=1).tolist() == [1, 1, 5, 5]
