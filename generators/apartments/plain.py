@@ -10,8 +10,8 @@ from generators.core.scene import Material, Texture
 #: Roles whose material has no texture. Furniture turns the grain of all others at random, which geometry depends on.
 UNTEXTURED = frozenset(
     {
-        "accent_paint", "black_glass", "black_metal", "bulb", "ceramic", "ceramic_accent", "chrome", "enamel",
-        "fruit_green", "fruit_orange", "fruit_red", "glass", "hood_light", "lamp_glass", "metal", "mirror",
+        "accent_paint", "black_glass", "black_metal", "bulb", "ceramic", "ceramic_accent", "chrome", "clear_glass",
+        "enamel", "fruit_green", "fruit_orange", "fruit_red", "glass", "hood_light", "lamp_glass", "metal", "mirror",
         "mount_board", "paper", "plastic_black", "plastic_white", "pot", "pot_white", "radiator", "stem", "tap",
         "tone_0", "tone_1", "tone_2", "tone_3", "toy_blue", "toy_green", "toy_red", "toy_yellow",
     }

@@ -455,6 +455,9 @@ _RECIPES: dict[str, Recipe] = {
     "ceramic": _plain("ceramic", "#e9e8e4", 0.1),
     "ceramic_accent": _paint("accent_paint"),
     "glass": _plain("glass", "#b9c8ca", 0.05),
+    "clear_glass": lambda palette, style, role, rng: Material(
+        role, "glass", _linear("#e6ede9"), roughness=0.02, transmission=0.95
+    ),
     "black_glass": _touched(_plain("glass", "#303134", 0.04)),
     "screen": _touched(_drawn("glass", pictures.tv_screen, 0.12)),
     "hob": _touched(_drawn("glass", pictures.hob, 0.04)),

@@ -94,14 +94,15 @@ def test_places_of_the_benchmarks_objects_stay_free(seed: int) -> None:
             continue
         origin, u, v, front = (np.asarray(c) for c in (support.origin, support.u, support.v, support.front))
         first, last = ends(origin, origin + u + v)
+        axis = int(np.argmax(np.abs(u if np.linalg.norm(u) >= np.linalg.norm(v) else v)))
         if support.kind == "worktop":
             # Slim things may stand at the wall, behind the machines.
             deep = int(np.argmax(np.abs(front)))
+            axis = 2 - deep
             if front[deep] > 0:
                 first[deep] = max(first[deep], last[deep] - RESERVED_DEPTH)
             else:
                 last[deep] = min(last[deep], first[deep] + RESERVED_DEPTH)
-        axis = int(np.argmax(np.abs(u if np.linalg.norm(u) >= np.linalg.norm(v) else v)))
         on = (low[:, 1] < first[1] + 0.3) & (high[:, 1] > first[1] + 1e-4)
         for k in (0, 2):
             on &= (low[:, k] < last[k] - 2e-3) & (high[:, k] > first[k] + 2e-3)

@@ -507,7 +507,7 @@ def _fronts(yaw: Array) -> Array:
 
 
 def reserved_length(support: Support, *, quiet: bool = False) -> float:
-    """How much of the longer side of a support, or of a free stretch of wall, stays free (m).
+    """How much of the longer side of a support, of a worktop's front or of a free stretch of wall, stays free (m).
 
     In a ``quiet`` room, where no observation is made, it is less.
     """
@@ -517,8 +517,18 @@ def reserved_length(support: Support, *, quiet: bool = False) -> float:
         share, least = _QUIET_SHARE, 0.0
     elif support.kind == "side_table" and min(sides) >= _TABLE_WIDTH:
         share, least = _TABLE
-    length = sides[0] if support.kind == "wall" else max(sides)
+    length = max(sides)
+    if support.kind == "wall":
+        length = sides[0]
+    elif support.kind == "worktop":
+        length = sides[1 - _deep_side(support)]
     return min(max(share * length, least), length)
+
+
+def _deep_side(support: Support) -> int:
+    """Which of the two sides of a support leads away from its front: 0 or 1."""
+    u, v = (abs(float(np.dot(side, support.front))) for side in (support.u, support.v))
+    return int(v > u)
 
 
 def _reserved(support: Support, rng: Generator, *, quiet: bool) -> tuple[Array, Array]:
@@ -530,11 +540,11 @@ def _reserved(support: Support, rng: Generator, *, quiet: bool) -> tuple[Array, 
         corners = np.stack([origin + (0.5 - half) * u, origin + (0.5 + half) * u + v])
         corners = np.concatenate([corners, corners + np.asarray(support.normal) * support.clearance])
         return corners.min(axis=0), corners.max(axis=0)
-    if support.kind == "worktop" and not quiet:
+    if support.kind == "worktop":
         origin, u, v = _front_strip(support)
-    if np.linalg.norm(u) < np.linalg.norm(v):
+    elif np.linalg.norm(u) < np.linalg.norm(v):
         u, v = v, u
-    share = min(kept / float(np.linalg.norm(u)), 1.0)
+    share = kept / float(np.linalg.norm(u))
     first = 0.0 if rng.random() < 0.5 else 1.0 - share
     corners = np.stack([origin + first * u, origin + (first + share) * u + v])
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -543,16 +553,14 @@ def _reserved(support: Support, rng: Generator, *, quiet: bool) -> tuple[Array, 
 
 
 def _front_strip(support: Support) -> tuple[Array, Array, Array]:
-    """Origin and sides (3,) of a worktop's rectangle without what lies deeper than `RESERVED_DEPTH`."""
-    origin, u, v = (np.asarray(c, dtype=np.float64) for c in (support.origin, support.u, support.v))
-    sides = [u, v]
-    deep = int(abs(v @ support.front) > abs(u @ support.front))
-    length = float(np.linalg.norm(sides[deep]))
-    kept = min(RESERVED_DEPTH / length, 1.0)
-    if sides[deep] @ support.front > 0:
-        origin = origin + (1 - kept) * sides[deep]
-    sides[deep] = kept * sides[deep]
-    return origin, sides[0], sides[1]
+    """Origin, front side and depth (3,) of a worktop's rectangle down to `RESERVED_DEPTH` behind its front edge."""
+    origin = np.asarray(support.origin, dtype=np.float64)
+    deep = _deep_side(support)
+    along, back = (np.asarray((support.u, support.v)[k], dtype=np.float64) for k in (1 - deep, deep))
+    kept = min(RESERVED_DEPTH / float(np.linalg.norm(back)), 1.0)
+    if back @ support.front > 0:
+        origin = origin + (1 - kept) * back
+    return origin, along, kept * back
 
 
 def _surfaces(placed: Sequence[Placed], kinds: tuple[str, ...], heights: tuple[float, float]) -> list[_Rectangle]:

@@ -180,7 +180,7 @@ def _curtain_side(kit: Kit, w: float, d: float) -> None:
 
 def _glass_side(kit: Kit, w: float, d: float) -> None:
     """A framed pane on the right side of a shower of width ``w`` and depth ``d`` (m)."""
-    glass = kit.m("glass")
+    glass = kit.m("clear_glass")
     kit.panel((w / 2 - 0.01, 0.075, 0.03), (w / 2 - 0.002, 2.0, d - 0.02), glass, bevel=0.0)
     for y in (0.085, 2.0):
         kit.panel((w / 2 - 0.016, y - 0.01, 0.025), (w / 2 + 0.004, y + 0.01, d - 0.015), kit.m("metal"), bevel=0.002)
