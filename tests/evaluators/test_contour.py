@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -112,7 +114,7 @@ def test_a_disc_and_distances_find_the_same(size: int, monkeypatch: pytest.Monke
     mask = (rng.random((size, size)) < 3 / size).astype(np.uint8) * 255
     found_ = []
     for limit in (0, 100):
-        monkeypatch.setattr("evaluators.metrics.contour.DISC_LIMIT", limit)
+        monkeypatch.setattr(import_module("evaluators.metrics.contour"), "DISC_LIMIT", limit)
         found_.append(contour(mask).near > 0)
     assert np.array_equal(*found_)
     assert 0 < found_[0].mean() < 1
