@@ -93,6 +93,7 @@ def test_one_source_is_found_in_every_frame(sounding: int):
     assert not np.delete(found.active, sounding, axis=1).any()
 
 
+@pytest.mark.slow
 def test_two_sources_at_once_are_both_found():
     walk = listeners()
     first, second = (free_field(SPOTS[k][0], walk, seed=k, samples=22_050) for k in (0, 1))

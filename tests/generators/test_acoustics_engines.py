@@ -53,6 +53,7 @@ def one_line(error: pytest.ExceptionInfo[Avs3dError]) -> str:
     return text
 
 
+@pytest.mark.slow
 def test_responses_are_those_of_the_generators_backend(room: acoustics.Room, tracer: acoustics.Tracer) -> None:
     pose = Pose.from_yaw(LISTENER, 0.4)
     rir = tracer.response(room, SOURCE, pose, sample_rate=RATE)

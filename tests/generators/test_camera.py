@@ -66,6 +66,7 @@ def test_cameras_stay_within_their_ranges_and_differ(kind: str) -> None:
         assert max(values) - min(values) > 0.8 * (high - low)
 
 
+@pytest.mark.slow
 def test_labels_stay_and_noise_depends_on_the_pose_alone() -> None:
     scene, intrinsics, pose = trial_scene()
     other = Pose.from_yaw((0.2, 0.1, 2.0), 0.05)

@@ -287,6 +287,7 @@ def test_rows_cover_their_cells() -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_splats_of_the_same_place_are_named_and_others_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

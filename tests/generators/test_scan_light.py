@@ -183,6 +183,7 @@ def test_it_darkens_the_floor_as_it_does_in_the_room(truth: Scene, scan: Scene) 
     assert np.corrcoef(found, true)[0, 1] > 0.95
 
 
+@pytest.mark.slow
 def test_far_from_the_object_nothing_changes(scan: Scene) -> None:
     placed = insert(scan, (block(),))
     far = [part for part in placed.parts if placed.is_scan(part) and part.light is None]

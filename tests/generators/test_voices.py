@@ -120,6 +120,7 @@ def test_a_source_plays_one_of_its_voices_and_its_record_names_it(tmp_path: Path
     assert voiced["clock"].pictures_digest == plain["clock"].pictures_digest
 
 
+@pytest.mark.slow
 def test_both_voices_of_a_manifest_are_drawn(tmp_path: Path) -> None:
     names = {"microwave": ["popcorn", "timer_bell"]}
     drawn = [plans(tmp_path, voices=names, seed=seed)["microwave"] for seed in range(8)]

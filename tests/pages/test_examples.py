@@ -83,6 +83,7 @@ def test_generate_own(tmp_path: Path) -> None:
     assert any(frame.visible_pixels for frame in record.frames)
 
 
+@pytest.mark.slow
 def test_moving_source(tmp_path: Path) -> None:
     pytest.importorskip("numba", reason="the tracer needs the [acoustics] extra")
     said = run("moving_source.py", "moving.wav", "--seconds", 0.5, folder=tmp_path)
@@ -92,6 +93,7 @@ def test_moving_source(tmp_path: Path) -> None:
     assert (samples.shape, rate) == ((22_050, 2), 44_100)
 
 
+@pytest.mark.slow
 def test_own_room(tmp_path: Path) -> None:
     pytest.importorskip("trimesh", reason="meshes need the [acoustics] extra")
     said = run("own_room.py", folder=tmp_path)
