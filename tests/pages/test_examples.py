@@ -206,6 +206,24 @@ def test_the_notebook_on_metrics_is_committed_with_what_it_prints(
 
 
 @pytest.mark.slow
+def test_the_notebook_on_acoustics_is_committed_with_what_it_prints(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("trimesh", reason="the generator needs the [generate] extra")
+    cells = json.loads((EXAMPLES / "acoustics.ipynb").read_text(encoding="utf-8"))["cells"]
+    committed = "".join(
+        "".join(o["text"]) for cell in cells for o in cell.get("outputs", []) if o["output_type"] == "stream"
+    )
+    outputs = executed("acoustics.ipynb", tmp_path, monkeypatch)
+    printed = [output for output in outputs if output["output_type"] == "stream" and output["name"] == "stdout"]
+    assert "".join(output["text"] for output in printed) == committed
+    assert sum("image/jpeg" in output.get("data", {}) for output in outputs) == 2
+    first, last = map(float, re.findall(r"([+-][\d.]+) dB at", committed))
+    assert first > 1
+    assert last < -1
+
+
+@pytest.mark.slow
 def test_the_tour_runs(tmp_path: Path, data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("AVS3D_DATASET", str(data))
     outputs = executed("tour.ipynb", tmp_path, monkeypatch)
