@@ -290,13 +290,16 @@ def test_objects_sound_like_what_they_are(data_set: str, fused: scan_like.Fused,
 
 
 def test_floors_sound_like_their_room_and_walls_like_walls(hm3d: Scene) -> None:
+    """By area: mats of many small faces lie on the floor of a bathroom."""
     mesh = hm3d.parts[0].mesh
     middle, labels = mesh.acoustic_positions.mean(axis=1), np.array(mesh.acoustic_labels)
+    edges = mesh.acoustic_positions[:, 1:] - mesh.acoustic_positions[:, :1]
+    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
     for room, floor in (("bathroom", "tile"), ("kitchen", "parquet")):
         box = hm3d.room(room)
         over = ((middle >= box.low) & (middle <= box.high))[:, [0, 2]].all(axis=1)
-        ground = labels[over & (np.abs(middle[:, 1]) < 0.03)]
-        assert (ground == floor).mean() > 0.6
+        ground = over & (np.abs(middle[:, 1]) < 0.03)
+        assert area[ground & (labels == floor)].sum() > 0.6 * area[ground].sum()
         assert (labels[over & (middle[:, 1] > 2.5)] == "plaster").mean() > 0.8
 
 
