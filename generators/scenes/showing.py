@@ -8,8 +8,7 @@ import tempfile
 import webbrowser
 from pathlib import Path
 
-import cv2
-
+from avs3d_bench.formats.media import write_png_rgb
 from generators.vision.base import RenderedView
 
 
@@ -29,6 +28,6 @@ def show(view: RenderedView, name: str) -> None:
         return
     folder = Path(tempfile.mkdtemp(prefix="avs3d-"))
     path = folder / f"{re.sub(r'[^A-Za-z0-9_.-]+', '_', name)}.png"
-    cv2.imwrite(str(path), view.rgb[..., ::-1])
+    write_png_rgb(path, view.rgb)
     print(path)
     webbrowser.open(path.as_uri())

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
 from avs3d_bench.errors import UsageError, excerpt
+from avs3d_bench.formats.files import atomic_path
 from avs3d_bench.geometry import Pose
 from generators.acoustics.clips import receiver_clip
 from generators.backends import acoustic_backend
@@ -47,8 +48,10 @@ class HeardSound:
     def save(self, path: str | Path) -> Path:
         """Write the clip as a WAV file of 32-bit floats, or FLAC, by the name's end; return its path."""
         target = Path(path)
-        subtype = "FLOAT" if target.suffix.lower() == ".wav" else None
-        soundfile.write(target, self.samples.T, self.sample_rate, subtype=subtype)
+        kind = target.suffix[1:].upper()
+        with atomic_path(target) as file:
+            subtype = "FLOAT" if kind == "WAV" else None
+            soundfile.write(file, self.samples.T, self.sample_rate, format=kind, subtype=subtype)
         return target
 
     def _repr_html_(self) -> str:

@@ -22,7 +22,7 @@ from scipy.sparse.csgraph import connected_components
 from generators.apartments.floorplan import SIDES, WallFrame
 from generators.apartments.interior.arrange import WALL_GAP, Arranger
 from generators.apartments.interior.bathroom import MACHINE, MACHINE_PLACES, MACHINE_SPACING
-from generators.apartments.interior.pieces import FLAT, Placed, overlaps
+from generators.apartments.interior.pieces import FLAT, Placed, overlaps, turned_bounds
 from generators.apartments.interior.walking import walkable, wall_spots
 from generators.apartments.joinery import FRAME_DEPTH, PANE_DEPTH, SILL_DEPTH
 from generators.assets.clutter.catalogue import kinds_for
@@ -153,7 +153,7 @@ class _Candidates:
     @classmethod
     def of(cls, thing: Furniture, position: Array, yaw: Array) -> _Candidates:
         """``thing`` at ``position`` (K, 3), turned by ``yaw`` (K,)."""
-        low, high = _turned_bounds(thing, yaw)
+        low, high = turned_bounds(thing, yaw)
         return cls(position, yaw, position + low, position + high)
 
     def __len__(self) -> int:
@@ -278,7 +278,7 @@ class _Placer:
             rows, axis = np.arange(_DRAWS), np.argmax(np.abs(ahead), axis=1)
             back = 0.12 * share[rows, axis]
             share[rows, axis] = np.where(ahead[rows, axis] > 0, back, 1 - back)
-        low, high = _turned_bounds(thing, yaw)
+        low, high = turned_bounds(thing, yaw)
         least = np.array([r.low for r in rectangles])[chosen] - low
         room = (np.array([r.high for r in rectangles])[chosen] - high - least)[:, [0, 2]] - 2 * _EDGE
         least[:, [0, 2]] += _EDGE + share * room
@@ -308,7 +308,7 @@ class _Placer:
             np.repeat([getattr(w, name) for w in walls], count, axis=0) for name in ("origin", "u", "normal")
         )
         yaw = wall_yaw + self._rng.uniform(-kind.turn, kind.turn, len(along))
-        back = -np.minimum(*((end * normal).sum(axis=1) for end in _turned_bounds(thing, yaw)))
+        back = -np.minimum(*((end * normal).sum(axis=1) for end in turned_bounds(thing, yaw)))
         depth = WALL_GAP + back + (0.0 if kind.rear else self._rng.uniform(0.0, 0.12, len(along)))
         at = origin + along[:, None] * u + depth[:, None] * normal
         order = np.argsort(np.minimum(along, length - along), kind="stable")
@@ -326,7 +326,7 @@ class _Placer:
             np.array(values)[chosen] for values in zip(*((p.yaw, p.low, p.high) for p in pieces), strict=True)
         )
         yaw = piece_yaw + self._rng.uniform(-kind.turn, kind.turn, _DRAWS)
-        low, high = _turned_bounds(thing, yaw)
+        low, high = turned_bounds(thing, yaw)
         rows, axis = np.arange(_DRAWS), np.where(side % 2, 2, 0)
         gap = self._rng.uniform(*_BESIDE_GAP, _DRAWS)
         at = first + self._rng.random((_DRAWS, 3)) * (last - first)
@@ -491,14 +491,6 @@ class _Placer:
 
 def _nowhere() -> _Candidates:
     return _Candidates(np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
-
-
-def _turned_bounds(thing: Furniture, yaw: Array) -> tuple[Array, Array]:
-    """World boxes (K, 3), (K, 3) of a thing at the origin that is turned by ``yaw`` (K,) degrees."""
-    low, high = thing.mesh.bounds.astype(np.float64)
-    corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
-    turned = corners @ rotations_about_y(yaw).transpose(0, 2, 1)
-    return turned.min(axis=1), turned.max(axis=1)
 
 
 def _fronts(yaw: Array) -> Array:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from generators.apartments.floorplan import WallFrame
 from generators.assets.furniture import Furniture
-from generators.assets.shapes import rotation
+from generators.assets.shapes import rotation, rotations_about_y
 
 Array = NDArray[np.float64]
 
@@ -94,12 +94,18 @@ class WallSpot:
         return (self.low + self.high) / 2
 
 
-def world_box(furniture: Furniture, position: Array, yaw: float) -> tuple[Array, Array]:
-    """Axis-aligned world bounds of a turned piece."""
+def turned_bounds(furniture: Furniture, yaw: Array) -> tuple[Array, Array]:
+    """Lowest and highest corners (K, 3) of a piece at the origin that is turned by ``yaw`` (K,) degrees."""
     low, high = furniture.mesh.bounds.astype(np.float64)
     corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
-    moved = corners @ rotation("y", yaw).T + position
-    return moved.min(axis=0), moved.max(axis=0)
+    turned = corners @ rotations_about_y(yaw).transpose(0, 2, 1)
+    return turned.min(axis=1), turned.max(axis=1)
+
+
+def world_box(furniture: Furniture, position: Array, yaw: float) -> tuple[Array, Array]:
+    """Axis-aligned world bounds of a turned piece."""
+    low, high = turned_bounds(furniture, np.array([yaw], dtype=np.float64))
+    return low[0] + position, high[0] + position
 
 
 def origin_height(furniture: Furniture, bottom: float) -> float:
