@@ -128,10 +128,11 @@ def of_category(answer: Answer, category: int | None) -> Answer:
 
     Args:
         answer: of the network.
-        category: 0-based, the only one that is heard; None: as the answer says, P(heard) = Σ P(class) · P(audible).
+        category: 0-based, the only one that is heard; None: as the answer says, P(heard) = Σ P(class) · P(heard by
+            name, or as what has no name).
     """
     if category is None:
-        return replace(answer, mask=log_odds(np.einsum("chw,c->hw", answer.classes[1:], answer.audible)))
+        return replace(answer, mask=log_odds(np.einsum("chw,c->hw", answer.classes[1:], answer.heard)))
     audible = np.zeros_like(answer.audible)
     audible[category] = 1
     return replace(answer, mask=log_odds(answer.classes[1 + category]), audible=audible)
