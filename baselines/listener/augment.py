@@ -100,6 +100,11 @@ class Bank:
             generator: of the device, for augmentation.
             without: names of `CHANGES` that are left out.
         """
+        # The network may round to 16 bits, its input not.
+        with torch.autocast(self.device.type, enabled=False):
+            return self._gathered(plan, generator, without)
+
+    def _gathered(self, plan: BatchPlan, generator: torch.Generator | None, without: Collection[str]) -> Batch:
         views = torch.from_numpy(plan.views)
         pictures = self.rows("pictures", views).permute(0, 3, 1, 2).float() / 255
         batch = Batch(
