@@ -1,6 +1,6 @@
 """`python -m benchmarks.listener_seeds SCORES … -o FILE.json`: figures of several training seeds, row by row.
 
-Each folder has the files of `benchmarks.listener_tables` for the weights of one seed. Of each row and dataset, the file has strict
+Each folder has the files of `benchmarks.listener_tables` for one seed. Of each row and dataset, the file has strict
 IoU of each part and category, and under ``listen`` the pair accuracy by kind of pair: the mean over the seeds, the
 smallest and the largest, and the interval over homes of the first seed. `--table` prints them as a table.
 """
@@ -22,7 +22,7 @@ from benchmarks.sound_rows import row_of
 
 
 def figures_of(folders: tuple[Path, ...]) -> dict[str, dict[str, Any]]:
-    """``DATASET-ROW`` → group → metric → {"mean", "least", "most", "interval", "seeds"}; rows that the first folder has."""
+    """``DATASET-ROW`` → group → metric → {"mean", "least", "most", "interval", "seeds"}; rows of the first folder."""
     found: dict[str, dict[str, Any]] = {}
     for path in sorted(folders[0].glob("listener-*.json")):
         if path.name == RUN_JSON:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from typing import Any
 
 import numpy as np
 import torch
@@ -114,10 +113,13 @@ def equalised(sounds: Tensor, generator: torch.Generator, without: Collection[st
 
 def _frequencies(sounds: Tensor) -> Tensor:
     """(F,) Hz of the bins of a whole sound, within what the network hears."""
-    return torch.fft.rfftfreq(sounds.shape[-1], 1 / SAMPLE_RATE, device=sounds.device).clamp(LOWEST, HIGHEST)
+    out: Tensor = torch.fft.rfftfreq(sounds.shape[-1], 1 / SAMPLE_RATE, device=sounds.device).clamp(LOWEST, HIGHEST)
+    return out
 
 
-def _curves(count: int, ears: int, frequency: Tensor, spread: tuple[float, float], generator: Any) -> Tensor:
+def _curves(
+    count: int, ears: int, frequency: Tensor, spread: tuple[float, float], generator: torch.Generator
+) -> Tensor:
     """(B, ears, F) dB, linear between random points over the logarithm of the frequency; together and apart."""
 
     def normal(*shape: int) -> Tensor:

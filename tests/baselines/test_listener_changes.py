@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -22,7 +23,7 @@ from tests.support.tiny_listener import SMALL  # noqa: E402
 GRID = torch.rad2deg(direction.angle_grid())
 
 
-def bursts(angle: float, seed: int = 0, count: int = 44_100) -> torch.Tensor:
+def bursts(angle: float, seed: int = 0, count: int = 44_100) -> Any:
     """(2, n) bursts of noise from a lateral angle (degrees), by the delay of a sphere."""
     noise = torch.randn(count, generator=torch.Generator().manual_seed(seed)) * 0.1
     noise *= (torch.arange(count) // 3000) % 2 == 0
@@ -31,7 +32,7 @@ def bursts(angle: float, seed: int = 0, count: int = 44_100) -> torch.Tensor:
     return torch.stack([torch.fft.irfft(torch.fft.rfft(noise) * turn, count), noise])
 
 
-def heard_at(sounds: torch.Tensor) -> torch.Tensor:
+def heard_at(sounds: Any) -> Any:
     """Degrees with most votes."""
     response = direction.steered_response(features.spectra(sounds))
     return GRID[response[:, direction.VOTES].argmax(dim=1)]
@@ -115,7 +116,8 @@ def test_a_disguised_sound_keeps_its_mask_and_loses_its_name() -> None:
 
 def test_names_that_are_not_known_cost_nothing() -> None:
     audible = torch.zeros(2, len(CATEGORIES) + 1)
-    batch = augment.Batch(*(torch.zeros(0) for _ in range(5)), audible, torch.tensor([True, False]), torch.zeros(2))
+    none, named = torch.zeros(0), torch.tensor([True, False])
+    batch = augment.Batch(none, none, none, none, none, audible, named, torch.zeros(2))
     one, other = torch.zeros(2, len(CATEGORIES) + 1), torch.zeros(2, len(CATEGORIES) + 1)
     other[1, :UNKNOWN] = 5.0
     assert losses.audible_loss(one, batch) == losses.audible_loss(other, batch)
