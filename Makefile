@@ -9,7 +9,7 @@ DEMO_STAMP := $(VENV)/.demo$(if $(LATEST),-latest)
 # The tested set: with hashes for every extra, and without hashes.
 TESTED := constraints.txt
 TESTED_VERSIONS := avs3d_bench/runtime/tested_versions.txt
-EXTRAS := generate,baselines,train,cluster,inspect,exports,sofa,dev,docs
+EXTRAS := generate,baselines,train,cluster,inspect,exports,get,sofa,dev,docs
 MANIFEST ?= scenes_manifest/open-s34-o7.yaml
 NAME := $(basename $(notdir $(MANIFEST)))
 OUT ?= data/$(NAME)
