@@ -74,9 +74,11 @@ def find_release(name: str, url: str | None, sha256: str | None = None) -> Hoste
                 f"no release {excerpt(name)}: {listed}{did_you_mean(name, KNOWN)}; give its address: --from URL"
             )
         return known
+    if os.path.isdir(url):
+        url = Path(os.path.abspath(url)).as_uri()
     parts = urlsplit(url)
     if parts.scheme not in ("http", "https", "file") or not (parts.netloc or parts.scheme == "file"):
-        raise UsageError(f"--from {excerpt(url)}: expected the address of a folder: https://…/ or file:///…/")
+        raise UsageError(f"--from {excerpt(url)}: expected a folder, or the address of one: https://…/")
     if parts.query or parts.fragment:
         raise UsageError(f"--from {excerpt(url)}: has a query; expected the address of a folder, without ? and #")
     if sha256 is not None and not _SHA256.fullmatch(sha256):

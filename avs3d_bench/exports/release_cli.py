@@ -45,7 +45,7 @@ def release(root: Path, folder: Path, workers: int | None, **options: Any) -> No
 
 @click.command(context_settings=HELP)
 @click.argument("name")
-@click.option("--from", "url", default=None, metavar="URL", help="Folder of the release: https://…, file:///… .")
+@click.option("--from", "url", default=None, metavar="URL", help="Address of the release's folder, or a folder.")
 @click.option("--sha256", default=None, metavar="HEX", help="Of its release.json, as its publisher says.")
 @click.option("-o", "--output", "folder", type=OUTPUT_FOLDER, metavar="DIR", help="The dataset's folder [data/NAME].")
 def get(name: str, url: str | None, sha256: str | None, folder: Path | None) -> None:

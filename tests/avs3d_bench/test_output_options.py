@@ -19,6 +19,7 @@ import pytest
 from avs3d_bench.cli import avs3d, main
 from avs3d_bench.commands.outputs import NamedPath, OutputFile, OutputPath
 from avs3d_bench.dataset import Dataset
+from avs3d_bench.exports.release import write_release
 from avs3d_bench.exports.webdataset import write_webdataset
 from baselines.trivial import write_trivial
 from evaluators import cli as evaluator
@@ -68,6 +69,7 @@ OUTPUTS = {
     ("factors", "csv_file"): Case("factors frames.csv --csv OUT", suffix=".csv"),
     ("metrics", "json_file"): Case("metrics sub sub --json OUT"),
     ("leaderboard", "folder"): Case("leaderboard scores.json black.json -o OUT"),
+    ("leaderboard", "json_file"): Case("leaderboard scores.json black.json -o board --json OUT"),
     ("tables", "folder"): Case(
         "tables scores.json -o OUT", takes=("table2.md", "table2.csv", "table2.png", "table2.svg")
     ),
@@ -86,6 +88,8 @@ OUTPUTS = {
     ("export croissant", "output"): Case("export croissant data -o OUT", beside="data"),
     ("export card", "output"): Case("export card data -o OUT", suffix=".md"),
     ("export codabench", "output"): Case("export codabench seal/public seal/private -o OUT", suffix=".zip"),
+    ("release", "folder"): Case("release data -o OUT --workers 1"),
+    ("get", "folder"): Case("get tiny --from archives -o OUT", reruns=False),
     ("manifest sample", "output"): Case(
         "manifest sample -o OUT --homes 1 --observations 1 --seed 9 --exclude manifest.yaml", suffix=".yaml"
     ),
@@ -184,6 +188,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     saved(place, swept=rows_of_part_2(lambda n, scale: 0.05 * n / scale))
     write_manifest(place).rename(place / "manifest.yaml")
     write_webdataset(data, place / "shards", workers=1)
+    write_release(data, place / "archives", workers=1)
     sealed_trees.write_seal(place / "seal")
     tiny_listener.write_weights(place)
     made_rooms.write_mesh(made_rooms.flat(("living_room",)), place / "room.glb")
