@@ -21,9 +21,9 @@ _SHORT = 7
 _HEAD = """\
 # Leaderboard
 
-All recorded rows of this project, as [one JSON file]({json}) with the digests of the files of scores. `make
-docs-tables` writes both. Every table is of one dataset, by the digest of its `dataset.json`, and one protocol; means are over all
-parts, and the columns `part_1` and `part_2` have the figure that ranks.
+All recorded rows of this project, as [one JSON file]({json}) with the digests of the files of scores;
+`make docs-tables` writes both. Every table is of one dataset, by the digest of its `dataset.json`, and one protocol.
+Means are over all parts; the columns `part_1` and `part_2` have the figure that ranks.
 
 - Methods that no test of paired differences separates share a place
   ([comparing](comparing.md#differences-between-methods)).

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from avs3d_bench.errors import Avs3dError
-from benchmarks import docs_tables, separability
+from benchmarks import docs_tables, leaderboard_page, separability
 from evaluators.reporting.score_file import contents_digest, read_scores
 
 ROOT = Path(__file__).parents[2]
