@@ -139,7 +139,7 @@ $(DEMO_SCORES) demo-score-listener: demo-score-%:
 
 # Every kind of observation at a size that is quickly downloaded: below 60 MB.
 release-demo: $(DEMO_STAMP) ## generate a small dataset of six observations and release it into data/release-demo
-	$(BIN)/avs3d generate scenes_manifest/demo.yaml -o data/demo-small --size 252 --frames 16 --workers $(WORKERS) $(WITH_AUDIO)
+	$(BIN)/avs3d generate scenes_manifest/demo.yaml -o data/demo-small --size 252 --frames 12 --workers $(WORKERS) $(WITH_AUDIO)
 	$(BIN)/avs3d validate data/demo-small --deep --workers $(WORKERS)
 	$(BIN)/avs3d release data/demo-small -o data/release-demo --workers $(WORKERS)
 
