@@ -54,9 +54,9 @@ def remaining_energy(response: NDArray[np.floating]) -> NDArray[np.float64]:
 
 def energy_ratio_db(early: NDArray[np.floating], late: NDArray[np.floating]) -> float:
     """Energy of one sound over that of another, dB; of any shape. −inf, inf or NaN where one or both are silent."""
-    energies = (float(np.square(np.asarray(sound, dtype=np.float64)).sum()) for sound in (early, late))
+    first, second = (float(np.square(np.asarray(sound, dtype=np.float64)).sum()) for sound in (early, late))
     with np.errstate(divide="ignore", invalid="ignore"):
-        return float(10 * np.log10(np.divide(*energies)))
+        return float(10 * np.log10(np.divide(first, second)))
 
 
 def onset(response: NDArray[np.floating]) -> int:

@@ -85,6 +85,9 @@ OUTPUTS = {
     ),
     ("export webdataset", "folder"): Case("export webdataset data -o OUT --workers 1"),
     ("export huggingface", "folder"): Case("export huggingface data -o OUT --workers 1"),
+    ("export acoustics", "folder"): Case(
+        "export acoustics manifest.yaml -o OUT --spacing 2 --sources 1 --absorption 1 --pictures 0 --workers 1"
+    ),
     ("export croissant", "output"): Case("export croissant data -o OUT", beside="data"),
     ("export card", "output"): Case("export card data -o OUT", suffix=".md"),
     ("export codabench", "output"): Case("export codabench seal/public seal/private -o OUT", suffix=".zip"),
@@ -138,7 +141,7 @@ INPUTS = {
     "prediction",
     "truth", "score_file", "scores", "tables", "public", "private", "image", "terms", "exclude", "secret_file", "files",
     "array", "lock", "path", "data", "weights", "listener_weights", "checkpoint", "boxes_checkpoint", "sam_checkpoint",
-    "similarity_checkpoint", "folder", "verified", "index", "file", "splats",
+    "similarity_checkpoint", "folder", "verified", "index", "file", "splats", "source",
 }  # fmt: skip
 
 
