@@ -19,7 +19,7 @@ import pytest
 from avs3d_bench.cli import avs3d, main
 from avs3d_bench.commands.outputs import NamedPath, OutputFile, OutputPath
 from avs3d_bench.dataset import Dataset
-from avs3d_bench.exports.release import write_release
+from avs3d_bench.exports.release.write import write_release
 from avs3d_bench.exports.webdataset import write_webdataset
 from baselines.trivial import write_trivial
 from evaluators import cli as evaluator

@@ -16,11 +16,11 @@ import pytest
 
 from avs3d_bench.cli import main
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.exports import get as get_module
-from avs3d_bench.exports.get import KNOWN, HostedRelease, find_release, get_release
-from avs3d_bench.exports.release import ReleaseSettings, write_release
-from avs3d_bench.exports.release_files import ReleasedFile, cut
-from avs3d_bench.exports.release_record import RELEASE_JSON
+from avs3d_bench.exports.release import get as get_module
+from avs3d_bench.exports.release.files import ReleasedFile, cut
+from avs3d_bench.exports.release.get import KNOWN, HostedRelease, find_release, get_release
+from avs3d_bench.exports.release.record import RELEASE_JSON
+from avs3d_bench.exports.release.write import ReleaseSettings, write_release
 from avs3d_bench.formats.files import sha256_file
 from tests.support import sealed_trees, tiny
 from tests.support.library_server import Reply, Server

@@ -23,7 +23,7 @@ from avs3d_bench.contract import layout
 from avs3d_bench.contract.schema import parse_record
 from avs3d_bench.contract.taxonomy import PARTS
 from avs3d_bench.errors import Avs3dError, UsageError, did_you_mean, excerpt
-from avs3d_bench.exports.release_record import RELEASE_JSON, ReleaseArchive, ReleaseRecord
+from avs3d_bench.exports.release.record import RELEASE_JSON, ReleaseArchive, ReleaseRecord
 from avs3d_bench.formats.archive import MAX_NAME, MAX_PATH
 from avs3d_bench.formats.files import link_or_copy, open_regular, os_error_line, sha256_bytes, sha256_file
 from avs3d_bench.formats.staging import hold, staged_folder

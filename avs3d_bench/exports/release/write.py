@@ -29,8 +29,8 @@ from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports import croissant
 from avs3d_bench.exports.card import card_text, gather, table
-from avs3d_bench.exports.release_files import PlannedArchive, check_releasable, cut, released_files
-from avs3d_bench.exports.release_record import (
+from avs3d_bench.exports.release.files import PlannedArchive, check_releasable, cut, released_files
+from avs3d_bench.exports.release.record import (
     ARCHIVE_MB,
     CROISSANT,
     LICENCES,

@@ -21,13 +21,14 @@ ARCHIVE_MB = 2000.0
 
 #: Name of a file of a release. It is a part of an address and of a path, so that it has no character with a meaning.
 FileName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,199}$")]
+ArchiveName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,199}\.tar$")]
 Size = Annotated[int, Field(ge=0)]
 
 
 class ReleaseArchive(Record):
     """One tar file."""
 
-    file: FileName
+    file: ArchiveName
     bytes: Size
     sha256: Sha256
     unpacked: Size = Field(description="bytes of its files; one that occurs several times counts once")

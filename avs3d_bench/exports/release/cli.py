@@ -10,7 +10,7 @@ import click
 
 from avs3d_bench.commands.click_options import HELP, PATH, WORKERS
 from avs3d_bench.commands.outputs import OUTPUT_FOLDER
-from avs3d_bench.exports.release_record import ARCHIVE_MB, RELEASE_JSON
+from avs3d_bench.exports.release.record import ARCHIVE_MB, RELEASE_JSON
 
 
 @click.command(context_settings=HELP)
@@ -31,7 +31,7 @@ def release(root: Path, folder: Path, workers: int | None, **options: Any) -> No
     Of a sealed test, ROOT is its public side. The same dataset gives the same archives, byte for byte. docs/release.md
     says how to host them.
     """
-    from avs3d_bench.exports.release import ReleaseSettings, write_release
+    from avs3d_bench.exports.release.write import ReleaseSettings, write_release
     from avs3d_bench.formats.files import sha256_file
 
     settings = ReleaseSettings(**options)
@@ -53,7 +53,7 @@ def get(name: str, url: str | None, sha256: str | None, folder: Path | None) -> 
 
     Every archive is compared with its sha256. The same command continues an interrupted download.
     """
-    from avs3d_bench.exports.get import find_release, get_release
+    from avs3d_bench.exports.release.get import find_release, get_release
 
     hosted = find_release(name, url, sha256)
     target = folder if folder is not None else Path("data") / name
