@@ -218,6 +218,9 @@ def test_a_release_of_a_sealed_test_has_no_file_of_its_private_side(sealed: Path
         if name not in public:
             assert digest not in found.values(), name
             assert not any(digest.encode() in data for data in beside), name
+    readme = (tmp_path / "release/README.md").read_text()
+    assert "a sealed test: manifest and truth are published when it ends" in readme
+    assert "stored verbatim" not in readme
     secret = (sealed / "private/opening.hex").read_text().strip().encode()
     assert not any(secret in path.read_bytes() for path in (tmp_path / "release").iterdir())
 

@@ -129,6 +129,21 @@ def test_a_fifth_is_held_out_and_never_all() -> None:
     assert list(splits[0].values()).count("test") == 2
 
 
+def test_one_of_two_homes_is_held_out(manifest: Path, tmp_path: Path) -> None:
+    document = yaml.safe_load(manifest.read_text())
+    document["scans"]["other"] = document["scans"]["box"]
+    document["observations"][1]["scan"] = "other"
+    (manifest.parent / "two.yaml").write_text(yaml.safe_dump(document, sort_keys=False))
+    record = write_acoustics(manifest.parent / "two.yaml", tmp_path / "rirs", LEAST)
+    assert [space.home for space in record.spaces] == ["box", "other"] == sorted(record.meshes)
+    assert sorted(space.home_split for space in record.spaces) == ["test", "train"]
+    held = {one.space.home for one in read_responses(tmp_path / "rirs", "test", "home")}
+    assert held == {space.home for space in record.spaces if space.home_split == "test"}
+    first, second = record.spaces
+    assert first.listeners == second.listeners, "the same room"
+    assert first.sources != second.sources, "drawn for each home"
+
+
 def floor(width: float, depth: float) -> FreeSpace:
     """A free floor of that size, with a square hole of a metre in the middle."""
     shape = round(width / CELL), round(depth / CELL)
