@@ -9,7 +9,7 @@ DEMO_STAMP := $(VENV)/.demo$(if $(LATEST),-latest)
 # The tested set: with hashes for every extra, and without hashes.
 TESTED := constraints.txt
 TESTED_VERSIONS := avs3d_bench/runtime/tested_versions.txt
-EXTRAS := generate,baselines,train,cluster,inspect,exports,sofa,dev,docs
+EXTRAS := generate,baselines,train,cluster,inspect,exports,get,sofa,dev,docs
 MANIFEST ?= scenes_manifest/open-s34-o7.yaml
 NAME := $(basename $(notdir $(MANIFEST)))
 OUT ?= data/$(NAME)
@@ -36,7 +36,7 @@ VISION ?=
 # What draws the pictures, bakes the light and, with AUDIO=tracer, traces the sound: cpu or cuda (docs/gpu.md).
 DEVICE ?= cpu
 
-.PHONY: help setup demo demo-validate demo-sheets demo-listener dataset listener test test-slow test-all test-latest lock lint docs bench schemas docs-tables clean
+.PHONY: help setup demo demo-validate demo-sheets demo-listener dataset release-demo listener test test-slow test-all test-latest lock lint docs bench schemas docs-tables clean
 
 help: ## print one line for each target
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -136,6 +136,12 @@ $(DEMO_SCORES) demo-score-listener: demo-score-%:
 	$(BIN)/avs3d baseline $(BASELINE_$*) --dataset data/demo -o data/demo-submissions/$* --overwrite
 	$(BIN)/avs3d-eval data/demo-submissions/$* --dataset data/demo --workers 1 \
 	  --json data/demo-scores/$*.json --html data/demo-scores/$*.html
+
+# Every kind of observation at a size that is quickly downloaded: below 60 MB.
+release-demo: $(DEMO_STAMP) ## generate a small dataset of six observations and release it into data/release-demo
+	$(BIN)/avs3d generate scenes_manifest/demo.yaml -o data/demo-small --size 252 --frames 12 --workers $(WORKERS) $(WITH_AUDIO)
+	$(BIN)/avs3d validate data/demo-small --deep --workers $(WORKERS)
+	$(BIN)/avs3d release data/demo-small -o data/release-demo --workers $(WORKERS)
 
 dataset: setup ## generate and validate the benchmark: MANIFEST=… OUT=… WORKERS=… VISION=… AUDIO=… DEVICE=… OPTIONS=…
 	$(if $(filter cuda,$(DEVICE)),$(PIP) $(PINNED) -e '.[cuda]')

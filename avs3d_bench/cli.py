@@ -49,6 +49,8 @@ SUMMARIES = {
     "video": "Write an observation as an MP4 with its sound.",
     "view-3d": "Open an observation's scene, path, source and predictions in 3D.",
     "export": "Export to Croissant, WebDataset, Hugging Face; write a dataset card.",
+    "release": "Cut a dataset into archives to be hosted, with checksums.",
+    "get": "Download a released dataset, check it, unpack it.",
     "assets": "Find, fetch, import and verify objects and sounds.",
     "doctor": "Report what is installed and works, and how to get the rest.",
     "list": "List the observations of a dataset.",

@@ -4,7 +4,8 @@
     python -m benchmarks.docs_tables --check    # name those that are not current
 
 A table stands between ``<!-- NAME -->`` and ``<!-- end of NAME -->``; `BLOCKS` says which page has which. The pages of
-the listener (`benchmarks.listener_page`) and the paper's tables (`avs3d tables`) are written as a whole.
+the listener (`benchmarks.listener_page`), the leaderboard (`benchmarks.leaderboard_page`) and the paper's tables
+(`avs3d tables`) are written as a whole.
 """
 
 from __future__ import annotations
@@ -23,7 +24,15 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.files import read_json, write_bytes
 from avs3d_bench.formats.media import read_record
 from baselines.references import REFERENCES
-from benchmarks import comparison_power, home_coverage, listener_page, receivers, separability, sound_rows
+from benchmarks import (
+    comparison_power,
+    home_coverage,
+    leaderboard_page,
+    listener_page,
+    receivers,
+    separability,
+    sound_rows,
+)
 from benchmarks.listener_summary import MISSING, share, summary, table
 from benchmarks.run import TARGETS
 from evaluators.reporting import table_contents, tables_markdown
@@ -419,7 +428,7 @@ def texts(root: Path = ROOT) -> dict[Path, str]:
     """
     docs = root / "docs"
     found = listener_page.pages(docs / "results", docs / "listener-results.md", docs / "images")
-    found |= paper_tables(docs / "results")
+    found |= paper_tables(docs / "results") | leaderboard_page.pages(docs)
     for name, made in blocks(docs).items():
         page = (root / name).read_text(encoding="utf-8")
         for block, make in made:

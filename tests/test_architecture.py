@@ -167,6 +167,7 @@ HOUSE = {
         "cli": "core options manifest plan run",
         "sealing": "options backends manifest plan observation run sampling cli",
         "home": "core lighting options scans scenes manifest plan homes surveying",
+        "responses": "core acoustics options scenes manifest plan homes observation run",
     },
     "evaluators": {
         "metrics": "",

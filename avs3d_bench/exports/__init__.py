@@ -10,6 +10,8 @@
 | `waveform`         | an undecoded audio value of `datasets`, as samples              | nothing              |
 | `write_croissant`  | a Croissant description                                         | nothing              |
 | `write_card`       | a dataset card                                                  | nothing              |
+| `write_release`    | archives to be hosted, with checksums, card and licences        | nothing              |
+| `get_release`      | download a release, check it and unpack it                      | pooch                |
 """
 
 import lazy_loader

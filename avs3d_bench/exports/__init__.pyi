@@ -4,6 +4,10 @@ from .codabench import write_codabench as write_codabench
 from .croissant import write_croissant as write_croissant
 from .huggingface import waveform as waveform
 from .huggingface import write_huggingface as write_huggingface
+from .release.get import find_release as find_release
+from .release.get import get_release as get_release
+from .release.write import ReleaseSettings as ReleaseSettings
+from .release.write import write_release as write_release
 from .shard_files import shard_paths as shard_paths
 from .torch_dataset import AVS3DDataset as AVS3DDataset
 from .webdataset import decode_sample as decode_sample

@@ -13,6 +13,7 @@ import click
 from avs3d_bench import __version__
 from avs3d_bench.commands.click_options import PATH, WORKERS, Group, only_option
 from avs3d_bench.commands.outputs import OUTPUT_FOLDER, OutputFile
+from avs3d_bench.exports.acoustics import RECEIVERS
 from avs3d_bench.exports.samples import EXTRA_KINDS, SPLIT_CHOICES
 from avs3d_bench.exports.shards import ShardIndex
 from avs3d_bench.exports.signatures import BUNDLE, CARD, CROISSANT
@@ -126,6 +127,45 @@ def card(root: Path, output: Path) -> None:
 
     write_card(root, output)
     click.echo(str(output))
+
+
+@export.command(short_help="Impulse responses, positions, meshes and pictures of rooms.")
+@click.argument("source", type=PATH, metavar="ROOT|MANIFEST")
+@click.option("-o", "--output", "folder", type=OUTPUT_FOLDER, metavar="DIR", required=True, help="The folder.")
+@only_option
+@click.option("--spacing", type=float, default=0.5, show_default=True, metavar="M", help="Of the grid of listeners.")
+@click.option("--sources", type=int, default=4, show_default=True, metavar="N", help="Sources in each room.")
+@click.option(
+    "--absorption",
+    type=float,
+    multiple=True,
+    default=(1.0, 2.0),
+    show_default=True,
+    metavar="FACTOR",
+    help="Of every material's Eyring exponent: a room of other materials for each; repeatable.",
+)
+@click.option("--receiver", type=click.Choice(RECEIVERS), default="omni", show_default=True)
+@click.option("--sample-rate", type=int, default=16_000, show_default=True, metavar="HZ")
+@click.option("--pictures", type=int, default=12, show_default=True, metavar="N", help="Pictures in each room.")
+@click.option("--size", type=int, default=512, show_default=True, metavar="PX", help="Side of a picture.")
+@click.option("--device", type=click.Choice(["cpu", "cuda"]), default="cpu", show_default=True)
+@click.option("--manifest", type=PATH, default=None, help="Of ROOT, if its manifest names files beside it.")
+@click.option("--workers", type=WORKERS, default=None, help="Processes [one per core].")
+def acoustics(source: Path, folder: Path, **options: Any) -> None:
+    """Write the impulse responses of the rooms of a dataset or a manifest, to learn acoustic fields from.
+
+    Every room is heard from a grid of its walkable floor, with splits by position, home and material. The same rooms
+    and options give the same bytes; DIR is written whole or not at all (docs/export-acoustics.md).
+    """
+    from avs3d_bench.exports.acoustics import AcousticsSettings, describe, write_acoustics
+
+    record = write_acoustics(source, folder, AcousticsSettings(progress=sys.stderr.isatty(), **options))
+    for space in record.spaces:
+        count = f"{len(space.sources)} sources × {len(space.listeners)} listeners"
+        click.echo(f"{space.home}/{space.room}/{space.material}: {count}")
+    click.echo(f"{record.count:,} responses")
+    click.echo(describe(record))
+    click.echo(str(folder))
 
 
 @export.command(short_help="A competition bundle for Codabench.")

@@ -20,6 +20,8 @@ from avs3d_bench.contract.schema import (
     SubmissionRecord,
 )
 from avs3d_bench.contract.scores import Scores, VerificationRecord
+from avs3d_bench.exports.acoustics import ACOUSTICS_JSON, ResponsesRecord
+from avs3d_bench.exports.release.record import RELEASE_JSON, ReleaseRecord
 from avs3d_bench.exports.shards import ShardIndex
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -34,6 +36,8 @@ RECORDS: dict[str, type[Record]] = {
     "verification.json": VerificationRecord,  # `avs3d verify --json`
     "frame_row.json": FrameRow,  # a row of the table that `avs3d-eval --frames` writes
     layout.SHARDS_JSON: ShardIndex,
+    RELEASE_JSON: ReleaseRecord,
+    ACOUSTICS_JSON: ResponsesRecord,  # `avs3d export acoustics`
     layout.POSES_JSON: PosesRecord,
     layout.SEAL_JSON: SealRecord,
 }

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.geometry import Pose
-from avs3d_bench.measures.decay import SPEED_OF_SOUND, fit_decay, octave_filtered
+from avs3d_bench.measures.decay import EARLY, SPEED_OF_SOUND, energy_ratio_db, fit_decay, octave_filtered
 from avs3d_bench.runtime.imports import needing
 from generators.acoustics.direct import AFTER, BEFORE
 from generators.acoustics.materials import OCTAVE_BANDS
@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     from generators.acoustics.tracer.arrivals import Arrivals
 
 F64 = NDArray[np.float64]
-
-#: Early sound of the clarity C50 (s, ISO 3382-1).
-_EARLY = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +74,7 @@ class Rir:
 
     def c50(self) -> dict[int, float]:
         """Clarity C50 in dB (ISO 3382-1): energy of the first 50 ms after the direct sound over the rest."""
-        last = math.ceil((self.distance / SPEED_OF_SOUND + _EARLY) * self.sample_rate)
+        last = math.ceil((self.distance / SPEED_OF_SOUND + EARLY) * self.sample_rate)
         return self._ratio(self._pieces(0, last))
 
     def drr(self) -> dict[int, float]:
@@ -210,12 +207,10 @@ class Rir:
         return early, late
 
     def _ratio(self, pieces: tuple[NDArray[np.float32], NDArray[np.float32]]) -> dict[int, float]:
-        found = {}
-        for octave in self.octaves:
-            early, late = (float(np.square(octave_filtered(piece, self.sample_rate, octave)).sum()) for piece in pieces)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                found[octave] = float(10 * np.log10(np.divide(early, late)))
-        return found
+        return {
+            octave: energy_ratio_db(*(octave_filtered(piece, self.sample_rate, octave) for piece in pieces))
+            for octave in self.octaves
+        }
 
 
 def _sofa_axes(vectors: Any) -> F64:

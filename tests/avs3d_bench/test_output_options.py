@@ -19,6 +19,7 @@ import pytest
 from avs3d_bench.cli import avs3d, main
 from avs3d_bench.commands.outputs import NamedPath, OutputFile, OutputPath
 from avs3d_bench.dataset import Dataset
+from avs3d_bench.exports.release.write import write_release
 from avs3d_bench.exports.webdataset import write_webdataset
 from baselines.trivial import write_trivial
 from evaluators import cli as evaluator
@@ -68,6 +69,7 @@ OUTPUTS = {
     ("factors", "csv_file"): Case("factors frames.csv --csv OUT", suffix=".csv"),
     ("metrics", "json_file"): Case("metrics sub sub --json OUT"),
     ("leaderboard", "folder"): Case("leaderboard scores.json black.json -o OUT"),
+    ("leaderboard", "json_file"): Case("leaderboard scores.json black.json -o board --json OUT"),
     ("tables", "folder"): Case(
         "tables scores.json -o OUT", takes=("table2.md", "table2.csv", "table2.png", "table2.svg")
     ),
@@ -83,9 +85,14 @@ OUTPUTS = {
     ),
     ("export webdataset", "folder"): Case("export webdataset data -o OUT --workers 1"),
     ("export huggingface", "folder"): Case("export huggingface data -o OUT --workers 1"),
+    ("export acoustics", "folder"): Case(
+        "export acoustics manifest.yaml -o OUT --spacing 2 --sources 1 --absorption 1 --pictures 0 --workers 1"
+    ),
     ("export croissant", "output"): Case("export croissant data -o OUT", beside="data"),
     ("export card", "output"): Case("export card data -o OUT", suffix=".md"),
     ("export codabench", "output"): Case("export codabench seal/public seal/private -o OUT", suffix=".zip"),
+    ("release", "folder"): Case("release data -o OUT --workers 1"),
+    ("get", "folder"): Case("get tiny --from archives -o OUT", reruns=False),
     ("manifest sample", "output"): Case(
         "manifest sample -o OUT --homes 1 --observations 1 --seed 9 --exclude manifest.yaml", suffix=".yaml"
     ),
@@ -134,7 +141,7 @@ INPUTS = {
     "prediction",
     "truth", "score_file", "scores", "tables", "public", "private", "image", "terms", "exclude", "secret_file", "files",
     "array", "lock", "path", "data", "weights", "listener_weights", "checkpoint", "boxes_checkpoint", "sam_checkpoint",
-    "similarity_checkpoint", "folder", "verified", "index", "file", "splats",
+    "similarity_checkpoint", "folder", "verified", "index", "file", "splats", "source",
 }  # fmt: skip
 
 
@@ -184,6 +191,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     saved(place, swept=rows_of_part_2(lambda n, scale: 0.05 * n / scale))
     write_manifest(place).rename(place / "manifest.yaml")
     write_webdataset(data, place / "shards", workers=1)
+    write_release(data, place / "archives", workers=1)
     sealed_trees.write_seal(place / "seal")
     tiny_listener.write_weights(place)
     made_rooms.write_mesh(made_rooms.flat(("living_room",)), place / "room.glb")

@@ -11,7 +11,8 @@ import pytest
 from click.testing import CliRunner
 
 from avs3d_bench.errors import Avs3dError
-from benchmarks import docs_tables, separability
+from benchmarks import docs_tables, leaderboard_page, separability
+from evaluators.reporting.score_file import contents_digest, read_scores
 
 ROOT = Path(__file__).parents[2]
 
@@ -51,6 +52,20 @@ def test_a_typed_figure_is_found(copy: Path) -> None:
     assert "| 760,189 |" in text
     page.write_text(text.replace("| 760,189 |", "| 760,190 |"))
     assert docs_tables.outdated(copy) == {page: text}
+
+
+def test_the_leaderboard_has_every_file_of_scores(copy: Path) -> None:
+    results = copy / "docs/results"
+    board = json.loads((results / "leaderboard.json").read_text())
+    scored = [path for path in results.glob("*.json") if "avs3d_eval" in json.loads(path.read_text())]
+    assert {entry["file"] for entry in board["entries"]} == {path.name for path in scored}
+    for entry in board["entries"]:
+        assert entry["digest"] == contents_digest(read_scores(results / entry["file"]))
+    (results / "listener-listen-2d.json").unlink()
+    page = copy / "docs/leaderboard.md"
+    row = "(results/listener-listen-2d.json)"
+    assert row in page.read_text()
+    assert row not in leaderboard_page.pages(copy / "docs")[page]
 
 
 def test_a_page_without_its_place_is_one_line(copy: Path) -> None:
