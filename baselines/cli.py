@@ -251,6 +251,59 @@ def owod_bind(
         _done(write_owod_bind(Dataset(root), path, model, only=only, overwrite=overwrite, progress=progress))
 
 
+#: Networks of `foundation`, in the order in which help shows them.
+_FOUNDATION = {"clap": "CLAP", "sam3": "SAM 3", "grounding-dino": "Grounding DINO", "sam2": "SAM 2"}
+
+
+def _foundation_options(command: _F) -> _F:
+    """A folder for each network; the command gets them as one, ``folders``."""
+
+    @wraps(command)
+    def gathered(*args: Any, **kwargs: Any) -> Any:
+        folders = {kind: kwargs.pop(f"{kind.replace('-', '_')}_checkpoint") for kind in _FOUNDATION}
+        return command(*args, folders=folders, **kwargs)
+
+    decorated: Any = gathered
+    for kind, name in reversed(_FOUNDATION.items()):
+        decorated = click.option(f"--{kind}-checkpoint", type=PATH, help=f"Folder of {name}.")(decorated)
+    return decorated  # type: ignore[no-any-return]
+
+
+@baseline.command(short_help="A sound is named, its name segmented, and both ears choose.")
+@_common
+@_foundation_options
+@click.option(
+    "--segmenter", type=click.Choice(["sam3", "grounded-sam2"]), default="sam3", show_default=True,
+    help="grounded-sam2 is Grounding DINO with SAM 2, whose weights need no licence to be accepted.",
+)  # fmt: skip
+@click.option("--device", default=None, help="cpu, cuda:0, … [CUDA where there is one].")
+@click.option("--dry-run", is_flag=True, help="Print what would be loaded, and stop.")
+def foundation(
+    root: Path,
+    path: Path,
+    only: tuple[str, ...],
+    overwrite: bool,
+    folders: dict[str, Any],
+    segmenter: Any,
+    device: str | None,
+    dry_run: bool,
+) -> None:
+    """Run foundation models: CLAP names the sound, SAM 3 segments the name, poses join, both ears choose.
+
+    Checkpoints are local folders; nothing is downloaded. In part_3 categories/ is written as well.
+    """
+    from avs3d_bench.dataset import Dataset
+    from baselines.foundation import run
+
+    if dry_run:
+        for line in run.dry_run(segmenter, folders):
+            click.echo(line)
+        return
+    model = run.load_foundation(segmenter=segmenter, folders=folders, device=device)
+    progress = sys.stderr.isatty()
+    _done(run.write_foundation(Dataset(root), path, model, only=only, overwrite=overwrite, progress=progress))
+
+
 @baseline.command(short_help="Where self-supervised features of picture and sound agree.")
 @_common
 @click.option("--checkpoint", type=PATH, help="Folder of DenseAV.")
