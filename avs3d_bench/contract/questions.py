@@ -179,3 +179,49 @@ def _counts(lines: tuple[QuestionLine, ...]) -> KindCounts:
         sets=len({line.set for line in lines}), lines=len(lines), groups=len({line.group for line in lines}),
         chance=chance, prior_excess=max(excess), answers=dict(sorted(answers.items())), positions=tuple(positions),
     )  # fmt: skip
+
+
+class AnswerLine(Record):
+    """One line of a file of answers."""
+
+    id: Text = Field(description="of a line of questions.jsonl")
+    answer: str
+
+
+class KindScore(Record):
+    """The figures of one kind of question, or of all.
+
+    Means over groups, each of which counts alike; ``chance`` is weighted in the same way.
+    """
+
+    lines: int
+    groups: int
+    accuracy: Rate
+    chance: Rate = Field(description="of every rule that does not hear")
+    pair_accuracy: Rate = Field(
+        description="share of pairs of lines of a set that are both right; lines of silence are left out, unless a set "
+        "has one other line only"
+    )
+    pairs: int
+    outside: int = Field(description="answers that are none of the options: wrong")
+    accuracy_interval: tuple[float, float] | None = Field(description="95 %, over homes, then groups")
+    pair_interval: tuple[float, float] | None
+
+
+class QuestionSource(Record):
+    """The questions that were answered."""
+
+    dataset: Text
+    dataset_version: Text
+    sha256: Sha256 = Field(description="of questions.jsonl")
+
+
+class QaScores(Record):
+    """The file of `avs3d qa-score --json`: a row of a leaderboard."""
+
+    format: Literal["avs3d qa scores 1"] = "avs3d qa scores 1"
+    toolkit_version: Text
+    method: Text
+    questions: QuestionSource
+    overall: KindScore = Field(description="of all kinds; in each group every kind counts alike")
+    kinds: dict[QuestionKind, KindScore]
