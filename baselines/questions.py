@@ -26,12 +26,12 @@ from avs3d_bench.contract.questions import (
     QuestionLine,
     ScenesRecord,
     ShownObject,
-    read_questions,
 )
 from avs3d_bench.errors import UsageError
 from avs3d_bench.exports.qa.templates import NOTHING, Templates, templates
 from avs3d_bench.formats.files import read_record, write_bytes
 from avs3d_bench.formats.media import read_wav
+from avs3d_bench.formats.questions import read_questions
 from avs3d_bench.runtime.parallel import process_each
 from baselines.echosegnet.binaural import WINDOW, lateral_angle, spectrogram
 from baselines.references import delay_angle

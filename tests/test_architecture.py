@@ -136,7 +136,7 @@ HOUSE = {
         "validation": "errors geometry runtime contract formats dataset measures commands sealing",
         "validate": "commands validation",
         "scheduling": "errors runtime contract formats commands",
-        "exports": "errors runtime contract formats dataset measures commands sealing",
+        "exports": "errors geometry runtime contract formats dataset measures commands sealing",
         "inspector": "errors geometry text runtime contract formats dataset submission measures commands",
         "cli": "errors text runtime formats dataset commands validation validate exports inspector",
         "__main__": "cli",
@@ -179,6 +179,7 @@ HOUSE = {
         "reporting": "metrics reading statistics protocols summary",
         "verify": "reading score reporting",
         "competition": "reading score",
+        "questions": "statistics",
         "cli": "reading statistics score reporting verify",
     },
     "baselines": {
@@ -195,7 +196,10 @@ HOUSE = {
         "echosegnet": "oracle_errors oracle sound_control",
         "references": "oracle echosegnet",
         "reference_scores": "",
-        "cli": "oracle_errors oracle deaf trivial owod_bind denseav listener echosegnet references reference_scores",
+        "questions": "echosegnet references",
+        "questions_inspect": "questions",
+        "cli": "oracle_errors oracle deaf trivial owod_bind denseav listener echosegnet references reference_scores "
+        "questions",
     },
 }
 #: Folders of avs3d_bench that use each other: none.

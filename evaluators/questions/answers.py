@@ -12,11 +12,11 @@ from avs3d_bench.contract.questions import (
     QaScores,
     QuestionSource,
     QuestionsRecord,
-    parse_questions,
 )
 from avs3d_bench.contract.schema.base import parse_record
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats.files import read_bytes, read_record, sha256_bytes
+from avs3d_bench.formats.questions import parse_questions
 from avs3d_bench.runtime.imports import needing
 from evaluators.questions.score import score_answers
 

@@ -17,27 +17,30 @@ from inspect_ai.model import ChatMessageUser, ContentAudio, ContentImage, Conten
 from inspect_ai.scorer import Score, Target, mean, metric, scorer
 from inspect_ai.solver import TaskState, generate
 
-from avs3d_bench.contract.questions import QUESTION_KINDS, QuestionLine, read_questions
+from avs3d_bench.contract.questions import QUESTION_KINDS, QuestionLine
 from avs3d_bench.errors import UsageError
+from avs3d_bench.formats.questions import read_questions
 from evaluators.questions.score import is_right, score_answers
 
 Sound = Literal["binaural", "ambisonics", "none"]
 
 
 @task  # type: ignore[untyped-decorator]
-def sound_questions(folder: str, kinds: str = "", sound: Sound = "binaural", pictures: bool = True) -> Any:
+def sound_questions(folder: str, kinds: str | list[str] = "", sound: Sound = "binaural", pictures: bool = True) -> Any:
     """The questions of a folder that `avs3d export qa` wrote.
 
     Args:
         folder: it.
-        kinds: some of the kinds, with commas between them; all if empty.
+        kinds: some of the kinds, as a list or with commas between them; all if empty.
         sound: what is heard: ``binaural``, ``ambisonics``, or ``none`` (a deaf control).
         pictures: whether the pictures are shown; False is a blind control.
     """
-    wanted = tuple(kinds.split(",")) if kinds else QUESTION_KINDS
+    # The command line of inspect makes a list of what has commas.
+    wanted = tuple(kinds.split(",") if isinstance(kinds, str) else kinds) if kinds else QUESTION_KINDS
     lines = tuple(line for line in read_questions(folder) if line.kind in wanted)
-    if not lines:
-        raise UsageError(f"{folder}: no question of kind {kinds}; expected some of {', '.join(QUESTION_KINDS)}")
+    if not lines or not {*wanted} <= {*QUESTION_KINDS}:
+        named = ", ".join(wanted)
+        raise UsageError(f"{folder}: no questions of kind {named}; expected some of {', '.join(QUESTION_KINDS)}")
     if sound == "ambisonics" and any(line.ambisonics is None for line in lines):
         raise UsageError(f"{folder}: no ambisonics; export a dataset that was generated --with ambisonics")
     samples = [

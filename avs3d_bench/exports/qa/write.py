@@ -176,28 +176,17 @@ class _Writer:
         self, sets: Sequence[QuestionSet], moments: Mapping[tuple[str, str], QaMoment], progress: bool
     ) -> tuple[QuestionLine, ...]:
         """Write the pictures and clips of all sets; their lines in the order of ids."""
-        plain = [(number, answer) for number, one in enumerate(sets) for answer in one.answers]
-        order = _drawn_order(sets, len(plain))
-        names = {plain[place]: f"q{number:05d}" for number, place in enumerate(order, start=1)}
-        # A set is numbered as the first of its lines.
-        first = sorted(
-            range(len(sets)), key=lambda number: min(names[number, answer] for answer in sets[number].answers)
-        )
-        pictures: dict[int, str] = {}
-        for number, place in enumerate(first, start=1):
-            pictures[place] = self._picture(f"{PICTURES}/p{number:05d}.png", sets[place], moments)
-        titles = {place: f"s{number:05d}" for number, place in enumerate(first, start=1)}
-        work = [(names[number, answer], sets[number], answer, titles[number], pictures[number])
-                for number, answer in plain]  # fmt: skip
-        done = process_each(self._line, work, workers=1, label="write", progress=progress)
-        return tuple(sorted((line for _, line in done), key=lambda line: line.id))
+        lines = numbered(sets)
+        for one in {each.picture: each for each in lines}.values():
+            self._picture(one.picture, one.question, moments)
+        done = process_each(self._line, lines, workers=1, label="write", progress=progress)
+        return tuple(line for _, line in done)
 
-    def _line(self, task: tuple[str, QuestionSet, str, str, str]) -> QuestionLine:
-        name, one, answer, title, picture = task
-        clips = one.answers[answer]
+    def _line(self, task: NumberedLine) -> QuestionLine:
+        one, clips = task.question, task.question.answers[task.answer]
         audio, ambisonics = [], []
         for number, clip in enumerate(clips, start=1):
-            file = f"{name}.wav" if len(clips) == 1 else f"{name}_{number}.wav"
+            file = f"{task.id}.wav" if len(clips) == 1 else f"{task.id}_{number}.wav"
             frame = self._frame(clip.key, one.frame)
             write_bytes(self.folder / AUDIO / file, media.encode_wav(file, binaural(frame, clip), subtype="pcm16"))
             audio.append(f"{AUDIO}/{file}")
@@ -205,12 +194,12 @@ class _Writer:
                 media.write_wav(self.folder / AMBISONICS / file, ambisonic(frame, clip))
                 ambisonics.append(f"{AMBISONICS}/{file}")
         return QuestionLine(
-            id=name, set=title, kind=one.kind, group=one.group, frame=one.frame, question=one.question,
-            options=one.options, answer=answer, observation=clips[0].key, played=clips[0].played,
-            pictures=(picture,), audio=tuple(audio), ambisonics=tuple(ambisonics) if self.ambisonics else None,
+            id=task.id, set=task.set, kind=one.kind, group=one.group, frame=one.frame, question=one.question,
+            options=one.options, answer=task.answer, observation=clips[0].key, played=clips[0].played,
+            pictures=(task.picture,), audio=tuple(audio), ambisonics=tuple(ambisonics) if self.ambisonics else None,
         )  # fmt: skip
 
-    def _picture(self, name: str, one: QuestionSet, moments: Mapping[tuple[str, str], QaMoment]) -> str:
+    def _picture(self, name: str, one: QuestionSet, moments: Mapping[tuple[str, str], QaMoment]) -> None:
         frame, moment = self._frame(one.group, one.frame), moments[one.group, one.frame]
         letters = {number: letter for letter, number in one.marks.items()}
         rgb = frame.rgb()
@@ -223,18 +212,48 @@ class _Writer:
                         elevation=each.elevation, distance=each.distance)
             for each in moment.objects
         )  # fmt: skip
-        return name
 
     def _frame(self, key: str, name: str) -> Frame:
         observation = self.dataset[key]
         return observation.frames[observation.frame_names.index(name)]
 
 
-def _drawn_order(sets: Sequence[QuestionSet], count: int) -> list[int]:
-    """An order of all lines that cannot be drawn again without their answers."""
+@dataclass(frozen=True)
+class NumberedLine:
+    """A line before its files are written.
+
+    Attributes:
+        id: q00001, …
+        set: s00001, …
+        picture: its file.
+        question: the set.
+        answer: the option that is right.
+    """
+
+    id: str
+    set: str
+    picture: str
+    question: QuestionSet
+    answer: str
+
+
+def numbered(sets: Sequence[QuestionSet]) -> tuple[NumberedLine, ...]:
+    """The lines of all sets in an order that cannot be drawn again without their answers, numbered in it.
+
+    A set is numbered as the first of its lines.
+    """
     told = json.dumps([asdict(one) for one in sets], sort_keys=True).encode()
-    words = np.frombuffer(hashlib.sha256(told).digest(), "<u4")
-    return [int(place) for place in np.random.default_rng(words).permutation(count)]
+    rng = np.random.default_rng(np.frombuffer(hashlib.sha256(told).digest(), "<u4"))
+    lines = [(place, answer) for place, one in enumerate(sets) for answer in one.answers]
+    order = [lines[place] for place in rng.permutation(len(lines))]
+    titles: dict[int, int] = {}
+    for place, _ in order:
+        titles.setdefault(place, len(titles) + 1)
+    return tuple(
+        NumberedLine(f"q{number:05d}", f"s{titles[place]:05d}", f"{PICTURES}/p{titles[place]:05d}.png", sets[place],
+                     answer)
+        for number, (place, answer) in enumerate(order, start=1)
+    )  # fmt: skip
 
 
 def binaural(frame: Frame, clip: QaClip) -> NDArray[np.float32]:
