@@ -189,8 +189,17 @@ def qa(root: Path, folder: Path, **options: Any) -> None:
 @click.option("--max-submissions", type=click.IntRange(1), default=100, show_default=True, help="In the last phase.")
 @click.option("--image", type=PATH, default=None, metavar="FILE", help="Picture of the competition [one is drawn].")
 @click.option("--terms", type=PATH, default=None, metavar="FILE", help="Terms, Markdown [a general text].")
+@click.option("--approval", is_flag=True, help="Admit each participant by hand; without it, all who register.")
+@click.option("--practice", type=PATH, default=None, metavar="ROOT", help="A dataset with its truth, for the kit.")
+@click.option("--install", default=None, metavar="COMMAND", help="How participants install this [pip, this version].")
 def codabench(
-    public: Path, private: Path, output: Path, title: str | None, start: datetime | None, **options: Any
+    public: Path,
+    private: Path,
+    output: Path,
+    title: str | None,
+    start: datetime | None,
+    install: str | None,
+    **options: Any,
 ) -> None:
     """Write a competition for Codabench: participants get PUBLIC, the platform scores with the truth in PRIVATE.
 
@@ -201,6 +210,8 @@ def codabench(
     from avs3d_bench.exports.codabench import CompetitionSettings, write_codabench
 
     today = datetime.now(UTC).replace(hour=0, minute=0, second=0, microsecond=0, tzinfo=None)
+    if install is not None:
+        options["install"] = install
     settings = CompetitionSettings(title=title or Dataset(public).name, start=start or today, **options)
     written = write_codabench(public, private, output, settings)
     for phase in written.phases:
