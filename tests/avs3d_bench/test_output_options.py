@@ -122,8 +122,8 @@ OUTPUTS = {
     ),
     ("baseline owod-bind", "path"): Case(f"baseline owod-bind {_BASELINE}", takes=("submission.json",), alone=True),
     ("baseline denseav", "path"): Case(f"baseline denseav {_BASELINE}", takes=("submission.json",), alone=True),
-    ("baseline questions", "output"): Case("baseline questions --questions qa -o OUT", suffix=".jsonl"),
-    ("qa-score", "json_file"): Case("qa-score answers.jsonl --questions qa --json OUT"),
+    ("baseline questions", "output"): Case("baseline questions --questions asked -o OUT", suffix=".jsonl"),
+    ("qa-score", "json_file"): Case("qa-score answers.jsonl --questions asked --json OUT"),
     ("baseline echosegnet", "path"): Case(
         f"baseline echosegnet {_BASELINE} --masks oracle --device cpu --iterations 1", takes=("submission.json",),
         reruns=False, alone=True,
@@ -179,8 +179,8 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     data = tiny.write_dataset(place / "data", frames=9, size=48)
     submit(place / "sub", data, true_mask)
     tiny_scenes.write_part_3(place / "scenes", frames=9, size=48)
-    write_qa(place / "scenes", place / "qa", QaOptions(kinds=("side",), per_group=1))
-    write_answers("deaf", place / "qa", place / "answers.jsonl")
+    write_qa(place / "scenes", place / "asked", QaOptions(kinds=("side",), per_group=1))
+    write_answers("deaf", place / "asked", place / "answers.jsonl")
     write_trivial("all-black", Dataset(data), place / "black")
     for name in ("sub", "black"):
         words = [place / name, "--dataset", data, "--workers", 1, "--json", place / f"{name}.json"]
