@@ -60,10 +60,7 @@ class QuestionLine(Record):
 
 
 class KindCounts(Record):
-    """The lines of one kind.
-
-    Attributes hold for every rule that does not hear: ``chance`` is what it reaches, whatever it prefers.
-    """
+    """The lines of one kind. Every rule that does not hear reaches ``chance``, whatever it prefers."""
 
     sets: int
     lines: int

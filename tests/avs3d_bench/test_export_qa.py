@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections import Counter, defaultdict
 from collections.abc import Callable, Hashable, Sequence
 from pathlib import Path
@@ -306,6 +307,17 @@ def test_the_same_data_give_the_same_bytes_and_a_rerun_replaces_its_own(
     files = sorted(path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
     assert files == sorted(path.relative_to(again) for path in again.rglob("*") if path.is_file())
     assert all((folder / name).read_bytes() == (again / name).read_bytes() for name in files)
+
+
+def test_a_group_without_its_first_observation_has_the_same_pictures(
+    shared_part_3: SharedDataset, tmp_path: Path
+) -> None:
+    root = tiny.clone(shared_part_3(frames=9), tmp_path / "data")
+    shutil.rmtree(root / tiny_scenes.FIRST)
+    write_qa(root, tmp_path / "qa", QaOptions(split="all", kinds=("side",)))
+    for line in read_questions(tmp_path / "qa"):
+        frame = next(one for one in Dataset(root)[tiny_scenes.SECOND].frames if one.name == line.frame)
+        assert (media.read_png_rgb(tmp_path / "qa" / line.pictures[0]) == frame.rgb()).all()
 
 
 def test_swapping_ambisonics_mirrors_the_direction(tmp_path: Path) -> None:

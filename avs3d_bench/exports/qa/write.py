@@ -200,7 +200,9 @@ class _Writer:
         )  # fmt: skip
 
     def _picture(self, name: str, one: QuestionSet, moments: Mapping[tuple[str, str], QaMoment]) -> None:
-        frame, moment = self._frame(one.group, one.frame), moments[one.group, one.frame]
+        moment = moments[one.group, one.frame]
+        # Of any sibling: all have the same pictures, and the first of the group may not be among them.
+        frame = self._frame(moment.siblings[0].key, one.frame)
         letters = {number: letter for letter, number in one.marks.items()}
         rgb = frame.rgb()
         for each in moment.objects:
