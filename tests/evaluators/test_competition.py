@@ -526,7 +526,7 @@ def test_an_archive_bomb_in_an_archive_is_not_unpacked(
     with zipfile.ZipFile(inner, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("submission.json", "{}")
         with archive.open(MASK, "w") as out:
-            for _ in range(300):
+            for _ in range(30):
                 out.write(bytes(10**6))
     outer = tmp_path / "outer.zip"
     with zipfile.ZipFile(outer, "w") as archive:
