@@ -293,6 +293,14 @@ def denseav(
     help="Whether the mean of looks at two sizes, also mirrored, decides, or one look, ten times as fast.",
 )  # fmt: skip
 @click.option(
+    "--answer", type=click.Choice(["sounding", "direction"]), default="sounding", show_default=True,
+    help="What the network says sounds, or, of all objects that it sees, the one from whose place the sound comes.",
+)  # fmt: skip
+@click.option(
+    "--calibrated/--uncalibrated", default=True, show_default=True,
+    help="Whether probabilities and threshold are those that the weights name, if they name some.",
+)  # fmt: skip
+@click.option(
     "--sound", "hearing", type=click.Choice(_SOUND_CONTROLS), default="own", show_default=True, help=_SOUND_HELP
 )  # fmt: skip
 def listener(
@@ -302,6 +310,7 @@ def listener(
     overwrite: bool,
     weights: Path | None,
     device: str | None,
+    answer: str,
     **how: Any,
 ) -> None:
     """Run the listener, frame by frame: the picture and one second of binaural sound give the mask of what sounds.
@@ -309,12 +318,14 @@ def listener(
     It was trained on datasets of this package's generator alone. In part_3 categories/ is written as well.
     """
     from avs3d_bench.dataset import Dataset
+    from baselines.direction_alone import write_direction
     from baselines.listener.packages import require
     from baselines.listener.predict import load_method, write_listener
 
     require("baselines")
     model = load_method(weights, device=device, **how)
-    _done(write_listener(Dataset(root), path, model, only=only, overwrite=overwrite, progress=sys.stderr.isatty()))
+    write = write_direction if answer == "direction" else write_listener
+    _done(write(Dataset(root), path, model, only=only, overwrite=overwrite, progress=sys.stderr.isatty()))
 
 
 @baseline.command(short_help="3D Gaussian splatting, lifted masks, refined by sound.")

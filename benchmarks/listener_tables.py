@@ -34,6 +34,7 @@ from avs3d_bench.formats.media import read_record
 from avs3d_bench.method import Method, write_submission
 from avs3d_bench.runtime.parallel import available_cores
 from avs3d_bench.submission import Prediction
+from baselines.direction_alone import DirectionMethod
 from baselines.listener.marks import MARKING_LOOKS
 
 if TYPE_CHECKING:
@@ -44,6 +45,9 @@ if TYPE_CHECKING:
 Kind = Literal["truth", "listener", "echosegnet"]
 #: File with what was run, beside the scores.
 RUN_JSON = "listener-run.json"
+#: Setting of a row that hears its own sound and does not ask what it is called.
+DIRECTION = "direction"
+WRITER = "listener.predict:write_listener"
 #: Processes that share the GPUs for the rows in 2D, at most: decoding and writing pictures takes most of the time.
 MOST_WORKERS = 24
 
@@ -78,6 +82,7 @@ ROWS = {
         Row("wrong-sound", "listener, 2D, with wrong sound", "listener", "other-category"),
         Row("same-category", "listener, 2D, with the same category in another home", "listener", "same-category"),
         Row("swapped-ears", "listener, 2D, with swapped ears", "listener", "swapped-ears"),
+        Row("direction", "direction alone, no category", "listener", DIRECTION),
         Row("both-ears-mean", "listener, 2D, with the mean of both ears", "listener", "both-ears-mean"),
         Row("no-aisrm", "listener + EchoSegnet without AISRM", "echosegnet", "no-aisrm"),
         Row("official", "listener + EchoSegnet official", "echosegnet", "official"),
@@ -159,8 +164,8 @@ def _network(weights: Path | None, device: str, hearing: Any, refine: Any, looks
 def _predict(plan: Plan, hearing: str, frames: tuple[Frame, ...]) -> list[Prediction]:
     """Masks of test frames, in a worker process on one of the devices."""
     device = plan.devices[os.getpid() % len(plan.devices)]
-    network = _network(plan.weights, device, hearing, plan.refine, plan.looks)
-    found: list[Prediction] = network.predictions(frames)
+    network = _network(plan.weights, device, "own" if hearing == DIRECTION else hearing, plan.refine, plan.looks)
+    found: list[Prediction] = (DirectionMethod(network) if hearing == DIRECTION else network).predictions(frames)
     return found
 
 
@@ -176,15 +181,13 @@ def write_row(dataset: Dataset, path: Path, row: Row, plan: Plan) -> None:
         else:
             write_oracle(dataset, path, instance="category", workers=plan.workers, **common)
     elif row.kind == "listener":
-        from baselines.listener.predict import ListenerMethod
-
-        hearing: Any = row.setting
-        notes = ListenerMethod(None, None, plan.digest, hearing=hearing, refine=plan.refine, looks=plan.looks).notes
+        hearing: Any = "own" if row.setting == DIRECTION else row.setting
+        notes = _network(plan.weights, "cpu", hearing, plan.refine, plan.looks).notes
         method = Method(
             row.title,
             partial(_predict, plan, row.setting),
             notes=notes,
-            entry="baselines.listener.predict:write_listener",
+            entry=f"baselines.{'direction_alone:write_direction' if row.setting == DIRECTION else WRITER}",
         )
         write_submission(dataset, path, method, workers=plan.workers, **common)
     else:
@@ -197,9 +200,9 @@ def lifting(row: Row, plan: Plan) -> tuple[NetworkMasks, Settings]:
     from baselines.echosegnet.network_masks import NetworkMasks
     from baselines.echosegnet.pipeline import Settings, default_threshold
     from baselines.echosegnet.train import TrainingSettings
-    from baselines.listener.marks import ListenerMarker
+    from baselines.listener.marks import load_marker
 
-    source = NetworkMasks(ListenerMarker(plan.weights, plan.digest, plan.answer))
+    source = NetworkMasks(load_marker(plan.weights, which=plan.answer))
     variant: Variant = "spatial" if row.setting == "spatial" else "official"
     density = DensityControl(max_gaussians=plan.max_gaussians)
     settings = Settings(

@@ -1,4 +1,4 @@
-"""From a plan to tensors on a device: gathering, mirroring with swapped ears, colours, levels and noise.
+"""From a plan to tensors on a device: gathering, mirroring with swapped ears, parts, and random changes.
 
 The geometry stays valid: pictures are mirrored only together with the ears, and where they are cropped the camera's
 intrinsics follow, so that every pixel keeps its direction. All random numbers come from one generator per (seed, step,
@@ -7,36 +7,33 @@ rank).
 
 from __future__ import annotations
 
-import math
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
-from torch.nn.functional import affine_grid, avg_pool2d, grid_sample, pad
+from torch.nn.functional import affine_grid, grid_sample
 
-from avs3d_bench.contract.layout import SAMPLE_RATE
-from baselines.listener.batches import BatchPlan
-from baselines.listener.features import HIGHEST, LOWEST
+from baselines.listener.batches import BatchPlan, SoundKind
 from baselines.listener.model import CLASSES
+from baselines.listener.picture_changes import PICTURE_CHANGES, changed_pictures
 from baselines.listener.shards import SIDE, ShardStore
+from baselines.listener.sound_changes import SOUND_CHANGES, changed_sounds, disguised, level, uniform
 
-#: Range of gains (dB), and of the level of a second sound over the first (dB).
-GAIN_DB, MIX_DB = 6.0, 10.0
-#: Points of the spectrum with a random gain, log-spaced, and its standard deviation (dB): of both ears together, as
-#: rooms and engines differ, and of each ear, as heads differ.
-EQUALISED, TOGETHER_DB, APART_DB = 10, 3.0, 0.7
-#: Noise under a sound, below its level (dB); noise instead of a sound, level re full scale (dB).
-NOISE_BELOW_DB, NOISE_ALONE_DB = (20.0, 50.0), (-90.0, -40.0)
+#: Level of a second sound over the first, at most (dB).
+MIX_DB = 10.0
 #: Share of pictures that are enlarged, at most how many times, and how far the centre may lie from an object, as a
 #: share of what is shown.
 ENLARGED, LARGEST, OFF_CENTRE = 0.35, 3.0, 0.4
 #: Side of a part of a picture that is learnt from without sound (pixels), its side as a share of the picture's, and the
 #: share of parts that are chosen around an object.
 PART_SIDE, PART_SHARES, AROUND_OBJECTS = 128, (0.25, 0.7), 0.85
-#: Probabilities: mirrored, grey, blurred, noise under a sound, noise instead of silence.
-MIRRORED, GREY, BLURRED, NOISY, NOISE_ALONE = 0.5, 0.1, 0.15, 0.5, 0.7
+#: Probability of a mirrored picture, and of a sound in a disguise where it may have one.
+MIRRORED, DISGUISED = 0.5, 0.2
+#: Names of the changes that a run can leave out.
+CHANGES = ("disguise", *SOUND_CHANGES, *PICTURE_CHANGES)
 #: Share of the memory that is free on a GPU which the store may take.
 STORE_SHARE = 0.5
 
@@ -51,7 +48,9 @@ class Batch:
         cameras: (B, 4), see `direction.pixel_angles`.
         sounds: (B·K, 2, n) float32.
         masks: (B·K, SIDE, SIDE) bool.
-        audible: (B·K, categories) float32.
+        audible: (B·K, categories + 1) float32; the last one: something is heard that has no name.
+        named: (B·K,) bool: whether the names in ``audible`` are known; a disguise hides them.
+        kinds: (B·K,) of `SoundKind`.
     """
 
     pictures: Tensor
@@ -60,6 +59,8 @@ class Batch:
     sounds: Tensor
     masks: Tensor
     audible: Tensor
+    named: Tensor
+    kinds: Tensor
 
 
 class Bank:
@@ -91,13 +92,19 @@ class Bank:
         """(B, 4)."""
         return self._cameras[views.to(self.device)]
 
-    def gather(self, plan: BatchPlan, generator: torch.Generator | None) -> Batch:
+    def gather(self, plan: BatchPlan, generator: torch.Generator | None, without: Collection[str] = ()) -> Batch:
         """The batch of a plan; without a generator nothing is changed at random.
 
         Args:
             plan: what to gather.
             generator: of the device, for augmentation.
+            without: names of `CHANGES` that are left out.
         """
+        # The network may round to 16 bits, its input not.
+        with torch.autocast(self.device.type, enabled=False):
+            return self._gathered(plan, generator, without)
+
+    def _gathered(self, plan: BatchPlan, generator: torch.Generator | None, without: Collection[str]) -> Batch:
         views = torch.from_numpy(plan.views)
         pictures = self.rows("pictures", views).permute(0, 3, 1, 2).float() / 255
         batch = Batch(
@@ -107,10 +114,12 @@ class Bank:
             sounds=self._mixed(plan, generator),
             masks=self._united(plan),
             audible=torch.from_numpy(plan.audible).to(self.device, torch.float32),
+            named=torch.ones(len(plan.kinds), dtype=torch.bool, device=self.device),
+            kinds=torch.from_numpy(plan.kinds).to(self.device),
         )
         if generator is None:
             return batch
-        return augmented(batch, generator) if len(batch.sounds) else parts(batch, generator)
+        return augmented(batch, generator, without) if len(batch.sounds) else parts(batch, generator, without)
 
     def _mixed(self, plan: BatchPlan, generator: torch.Generator | None) -> Tensor:
         first = self._sounds(plan.sounds[:, 0])
@@ -144,23 +153,33 @@ def unpack(packed: Tensor) -> Tensor:
     return ((packed[..., None] >> shifts) & 1).flatten(-2)[..., :SIDE].bool()
 
 
-def level(sound: Tensor) -> Tensor:
-    """(B,) RMS over both ears, never 0."""
-    return sound.square().mean(dim=(1, 2)).sqrt().clamp(min=1e-7)
-
-
-def uniform(generator: torch.Generator, count: int, low: float = 0.0, high: float = 1.0) -> Tensor:
-    """(count,) uniform numbers."""
-    return low + (high - low) * torch.rand(count, generator=generator, device=generator.device)
-
-
-def augmented(batch: Batch, generator: torch.Generator) -> Batch:
-    """The batch with random changes that keep its truth."""
+def augmented(batch: Batch, generator: torch.Generator, without: Collection[str] = ()) -> Batch:
+    """The batch with random changes that keep its truth; those named in ``without`` are left out."""
     count = len(batch.pictures)
     turned = mirrored(batch, uniform(generator, count) < MIRRORED)
-    turned = replace(turned, sounds=louder(turned.sounds, generator))
+    if "disguise" not in without:
+        turned = hidden(turned, generator)
+    turned = replace(turned, sounds=changed_sounds(turned.sounds, generator, without))
     shown = enlarged(turned, generator)
-    return replace(shown, pictures=coloured(shown.pictures, generator))
+    return replace(shown, pictures=changed_pictures(shown.pictures, generator, without))
+
+
+def hidden(batch: Batch, generator: torch.Generator) -> Batch:
+    """Some sounds in a disguise, each in that of the one before: what sounds has no name, and is where it was.
+
+    A sound that was made for a picture stays as it is: its place says nothing, or would say something else.
+    """
+    count = len(batch.sounds)
+    rows = torch.randperm(count, generator=generator, device=batch.sounds.device)[: max(1, round(DISGUISED * count))]
+    kinds = batch.kinds[rows]
+    real = (kinds == SoundKind.OWN) | (kinds == SoundKind.SWAPPED) | (kinds == SoundKind.OFF_SCREEN)
+    others = batch.sounds.roll(1, 0)[rows]
+    chosen = real & (level(others) > 1e-5)
+    sounds, audible, named = batch.sounds.clone(), batch.audible.clone(), batch.named.clone()
+    sounds[rows] = _where(chosen, disguised(sounds[rows], others), sounds[rows])
+    audible[rows, -1] = torch.where(chosen, 1.0, audible[rows, -1])
+    named[rows] &= ~chosen
+    return replace(batch, sounds=sounds, audible=audible, named=named)
 
 
 def mirrored(batch: Batch, chosen: Tensor) -> Batch:
@@ -178,7 +197,7 @@ def mirrored(batch: Batch, chosen: Tensor) -> Batch:
     )
 
 
-def parts(batch: Batch, generator: torch.Generator) -> Batch:
+def parts(batch: Batch, generator: torch.Generator, without: Collection[str] = ()) -> Batch:
     """Small parts of pictures, mostly around objects, with random changes; for batches without sound.
 
     Objects are in view more often, and a step takes a quarter of the time: what is seen is learnt sooner.
@@ -193,7 +212,7 @@ def parts(batch: Batch, generator: torch.Generator) -> Batch:
     sizes = torch.zeros(count, CLASSES, device=classes.device).scatter_add_(1, classes, ones)
     weights = (around[:, None] & (classes > 0)) / sizes.clamp(min=1).gather(1, classes)
     shown = _shown(turned, part, weights, PART_SIDE, generator)
-    return replace(shown, pictures=coloured(shown.pictures, generator))
+    return replace(shown, pictures=changed_pictures(shown.pictures, generator, without))
 
 
 def enlarged(batch: Batch, generator: torch.Generator) -> Batch:
@@ -238,64 +257,6 @@ def _shown(batch: Batch, part: Tensor, weights: Tensor, side: int, generator: to
         cameras=cameras,
         masks=look(batch.masks[:, None], grid.repeat_interleave(per, 0), "nearest")[:, 0] > 0.5 if per else batch.masks,
     )
-
-
-def coloured(pictures: Tensor, generator: torch.Generator) -> Tensor:
-    """Other brightness, contrast, gamma, saturation and tint; some grey, some blurred; a little noise."""
-    count = len(pictures)
-
-    def each(low: float, high: float, channels: int = 1) -> Tensor:
-        return uniform(generator, count * channels, low, high).view(count, channels, 1, 1)
-
-    out = pictures.clamp(min=1e-4) ** torch.exp(each(-0.4, 0.4))
-    out = out * each(0.7, 1.3) * each(0.88, 1.12, 3)
-    mean = out.mean(dim=(1, 2, 3), keepdim=True)
-    out = mean + (out - mean) * each(0.7, 1.3)
-    grey = out.mean(dim=1, keepdim=True)
-    saturation = each(0.5, 1.4) * (each(0, 1) >= GREY)
-    out = grey + (out - grey) * saturation
-    blurred = avg_pool2d(pad(out, (1, 1, 1, 1), mode="replicate"), 3, 1)
-    out = torch.where(each(0, 1) < BLURRED, blurred, out)
-    noise = torch.randn(out.shape, generator=generator, device=out.device)
-    return (out + each(0, 0.03) * noise).clamp(0, 1)
-
-
-def louder(sounds: Tensor, generator: torch.Generator) -> Tensor:
-    """Another gain, and noise: under a sound, or alone instead of digital silence."""
-    count = len(sounds)
-    gain = 10 ** (uniform(generator, count, -GAIN_DB, GAIN_DB) / 20)
-    out = equalised(sounds, generator) * gain[:, None, None]
-    mine = level(out)
-    silent = mine < 1e-6
-    below = mine * 10 ** (-uniform(generator, count, *NOISE_BELOW_DB) / 20)
-    alone = 10 ** (uniform(generator, count, *NOISE_ALONE_DB) / 20)
-    chance = uniform(generator, count)
-    amount = torch.where(silent, alone * (chance < NOISE_ALONE), below * (chance < NOISY))
-    noise = torch.randn(sounds.shape, generator=generator, device=sounds.device)
-    # In half of them both ears share most of the noise, as in a small room.
-    shared = (uniform(generator, count) < 0.5)[:, None, None] * 0.7
-    noise = (1 - shared) * noise + shared * noise.mean(dim=1, keepdim=True)
-    return out + noise * amount[:, None, None]
-
-
-def equalised(sounds: Tensor, generator: torch.Generator) -> Tensor:
-    """Sounds through a random filter without phase: another room, engine or head; times of arrival stay."""
-    count, ears, length = sounds.shape
-    device = sounds.device
-
-    def normal(*shape: int) -> Tensor:
-        return torch.randn(shape, generator=generator, device=device)
-
-    points = TOGETHER_DB * normal(count, 1, EQUALISED) + APART_DB * normal(count, ears, EQUALISED)
-    # From 50 Hz to 20 kHz, linear between the points over the logarithm of the frequency.
-    frequency = torch.fft.rfftfreq(length, 1 / SAMPLE_RATE, device=device).clamp(LOWEST, HIGHEST)
-    place = torch.log(frequency / LOWEST) / math.log(HIGHEST / LOWEST) * (EQUALISED - 1)
-    below = place.floor().clamp(max=EQUALISED - 2).long()
-    share = place - below
-    decibels = points[..., below] * (1 - share) + points[..., below + 1] * share
-    gain = torch.exp(decibels * (math.log(10) / 20))
-    out: Tensor = torch.fft.irfft(torch.fft.rfft(sounds) * gain, length)
-    return out
 
 
 def _where(rows: Tensor, yes: Tensor, no: Tensor) -> Tensor:

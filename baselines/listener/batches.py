@@ -4,7 +4,8 @@ A set has `SOUNDS` sounds for one picture. Siblings of a group are taken first: 
 sounds. Where a picture has too few siblings, sounds are made for it:
 
 - *silence*: nothing, or noise of no source; nothing is marked;
-- *foreign*: the sound of a category that is not in the room, from another observation; nothing is marked;
+- *foreign*: the sound of a category that is not in the room, or of no class, from another observation; nothing is
+  marked;
 - *elsewhere*: the sound of a category that is in view, from a lateral angle at which none of it is; nothing is marked;
 - *mixed*: two sounds at once; what is marked is marked in either.
 
@@ -35,9 +36,13 @@ EMPTY_PICTURES = 3
 VALIDATION_SHARE = 0.08
 #: How far a made sound's lateral angle is from what is in view (rad): more than the blur of the cues.
 CLEARANCE = math.radians(30.0)
+#: Share of sounds of no class among those of categories that are not in the room.
+NO_CLASS = 0.2
 #: Draws before a kind of sound that needs luck is given up for this picture.
 _DRAWS = 8
 _NUMBER = {name: number for number, name in enumerate(CATEGORIES)}
+#: Column of ``audible`` for what has no name.
+UNKNOWN = len(CATEGORIES)
 
 
 class SoundKind(IntEnum):
@@ -64,7 +69,7 @@ class BatchPlan:
         views: (B,) pictures.
         sounds: (B·SOUNDS, 2) sounds that are added; −1: none.
         truths: (B·SOUNDS, 2) sounds whose masks are united; −1: none.
-        audible: (B·SOUNDS, categories) bool.
+        audible: (B·SOUNDS, categories + 1) bool; the last one: a sound of no class.
         kinds: (B·SOUNDS,) of `SoundKind`.
     """
 
@@ -138,14 +143,20 @@ class Sampler:
             raise UsageError("no category is visible in any picture of the training homes; there is nothing to learn")
         self._of_view: dict[int, list[int]] = {}
         self._of_category: list[list[int]] = [[] for _ in CATEGORIES]
+        self._of_no_class: list[int] = []
         for sound, view in enumerate(table.view):
             if table.homes[view] in training:
                 self._of_view.setdefault(view, []).append(sound)
-                if len(table.audible[sound]) == 1 and table.audible[sound][0] in _NUMBER:
+                if len(table.audible[sound]) == 1 and table.audible[sound][0] in _NUMBER and not table.others[sound]:
                     self._of_category[_NUMBER[table.audible[sound][0]]].append(sound)
+                elif table.others[sound] and not table.audible[sound]:
+                    self._of_no_class.append(sound)
         self._present = [{_NUMBER[name] for name in names} for names in table.present]
-        # Sounds of no class have no number: the network learns that what it knows is not audible.
-        self._audible = [{_NUMBER[name] for name in names if name in _NUMBER} for names in table.audible]
+        # Sounds of no class share a number behind those of the categories.
+        self._audible = [
+            {_NUMBER[name] for name in names if name in _NUMBER} | ({UNKNOWN} if other else set())
+            for names, other in zip(table.audible, table.others, strict=True)
+        ]
         self._order: tuple[tuple[int, int], NDArray[np.int64]] = ((-1, 0), np.zeros(0, np.int64))
 
     @property
@@ -166,7 +177,7 @@ class Sampler:
         views = self._views(step, rank, self.batch)
         rng = np.random.default_rng((self.seed, 1, step, rank))
         slots = [slot for view in views for slot in self._set(int(view), rng)]
-        audible = np.zeros((len(slots), len(CATEGORIES)), np.bool_)
+        audible = np.zeros((len(slots), UNKNOWN + 1), np.bool_)
         for row, slot in enumerate(slots):
             audible[row, list(slot.audible)] = True
         return BatchPlan(
@@ -181,7 +192,7 @@ class Sampler:
         """Pictures without sound: `SOUNDS` times as many as in a batch with sound, of each of which a part is seen."""
         views = self._views(step, rank, SOUNDS * self.batch)
         pairs = np.zeros((0, 2), np.int64)
-        return BatchPlan(views, pairs, pairs, np.zeros((0, len(CATEGORIES)), np.bool_), np.zeros(0, np.int64))
+        return BatchPlan(views, pairs, pairs, np.zeros((0, UNKNOWN + 1), np.bool_), np.zeros(0, np.int64))
 
     def _views(self, step: int, rank: int, count: int) -> NDArray[np.int64]:
         """The pictures of a batch: the next ones of an order that changes from epoch to epoch."""
@@ -219,7 +230,7 @@ class Sampler:
 
     def _real(self, sound: int, first: int) -> Slot:
         """A sound of the picture itself; ``first`` is the first of the set."""
-        if not self.store.table.audible[sound]:
+        if not self._audible[sound]:
             kind = SoundKind.SILENT
         elif not self.store.marked[sound]:
             kind = SoundKind.OFF_SCREEN
@@ -252,6 +263,9 @@ class Sampler:
         return made or Slot([], [], set(), SoundKind.SILENT)
 
     def _foreign(self, view: int, rng: np.random.Generator) -> Slot | None:
+        if self._of_no_class and rng.random() < NO_CLASS:
+            sound = self._of_no_class[int(rng.integers(len(self._of_no_class)))]
+            return Slot([sound], [], {UNKNOWN}, SoundKind.FOREIGN)
         absent = [c for c in range(len(CATEGORIES)) if c not in self._present[view] and self._of_category[c]]
         if not absent:
             return None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import sys
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from baselines.listener.batches import split_homes
 from baselines.listener.checkpoint import Settings
 from baselines.listener.model import parameter_count
 from baselines.listener.steps import Result
-from baselines.listener.weights import NETWORK_VERSION, WEIGHTS_FORMAT, digest_path, save_weights
+from baselines.listener.weights import NETWORK_VERSION, WEIGHTS_FORMAT, Calibration, digest_path, save_weights
 
 WEIGHTS, CARD_JSON, CARD_MD = "listener.safetensors", "model_card.json", "model_card.md"
 #: What the files of a finished run say about themselves.
@@ -59,6 +59,7 @@ def write_result(
     result: Result,
     settings: Settings,
     machine: RunMachine,
+    calibrated: tuple[Calibration, dict[str, Any]],
     *,
     data: Path | None = None,
     manifest: Path | None = None,
@@ -70,13 +71,15 @@ def write_result(
         result: of `training.train`.
         settings: of the run.
         machine: what it ran on.
+        calibrated: of `calibration.calibrate`.
         data: folder of the shards, whose shards.json may name dataset and manifest.
         manifest: of the training data, whose sha256 the card shall name.
 
     Returns:
         The card.
     """
-    digest = save_weights(result.network, folder / WEIGHTS)
+    calibration, figures = calibrated
+    digest = save_weights(result.network, folder / WEIGHTS, calibration)
     table, state = result.store.table, result.state
     training, kept = split_homes(table.homes, settings.homes)
     total = sum(state.shares.values())
@@ -105,10 +108,12 @@ def write_result(
             "minutes": round(state.seconds / 60, 1),
             "devices": list(machine.devices),
             "precision": machine.precision,
+            "without": list(settings.without),
             "torch": torch.__version__,
             "shares_of_sounds": {name: round(count / total, 4) for name, count in sorted(state.shares.items())},
         },
         "validation": result.validation,
+        "calibration": {**asdict(calibration), "figures": figures},
     }
     write_json(folder / CARD_JSON, card)
     with atomic_path(folder / CARD_MD) as temporary:
@@ -152,7 +157,7 @@ def check_manifest(path: Path | None) -> None:
 
 def markdown(card: dict[str, Any]) -> str:
     """The card for readers."""
-    data, training, weights = card["data"], card["training"], card["weights"]
+    data, training, weights, warm = card["data"], card["training"], card["weights"], card["calibration"]
     manifest = f"{data['manifest']}, sha256 `{data['manifest_sha256']}`" if data["manifest_sha256"] else "not named"
     shares = ", ".join(f"{name} {value:.1%}" for name, value in training["shares_of_sounds"].items())
     figures = "\n".join(
@@ -172,7 +177,11 @@ Marks what sounds in a picture, given one second of binaural sound. Categories: 
   {training["picture_steps"]:,} of them were of as many parts of pictures, without sound.
 - Hardware: {", ".join(training["devices"])}; {training["precision"]}; torch {training["torch"]};
   {training["minutes"]} minutes.
-- Sounds in the batches: {shares}.
+- Sounds in the batches: {shares}. Random changes left out: {", ".join(training["without"]) or "none"}.
+- Log-odds of the mask are divided by {warm["mask"]:g}, of what is heard by {warm["audible"]:g}; marked is what is above
+  {warm["threshold"]:g}, as a category what is above {warm["category"]:g}. Of {warm["figures"]["pictures"]:,} pictures
+  by which this was chosen, the calibration error above .1 is {warm["figures"]["error"]:.3f}, before
+  {warm["figures"]["error_before"]:.3f}.
 
 Validation, on homes that were not trained on:
 

@@ -38,6 +38,7 @@ class Settings:
         homes: number of training homes, for learning curves; None: all.
         seed: of weights, batches and augmentation.
         widths: size of the network.
+        without: names of `augment.CHANGES` that are left out, in alphabetical order.
     """
 
     steps: int
@@ -50,6 +51,7 @@ class Settings:
     homes: int | None = None
     seed: int = 0
     widths: Widths = field(default_factory=Widths)
+    without: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.steps < 1:

@@ -13,6 +13,10 @@ from avs3d_bench.commands.outputs import OUTPUT_FOLDER
 from avs3d_bench.errors import UsageError
 
 _PRECISION = {"bf16": "bf16-mixed", "fp32": "32-true"}
+#: `baselines.listener.augment.CHANGES`, without the time that its import takes.
+_CHANGES = (
+    "disguise", "gain", "noise", "eq", "ears", "band", "codec", "decay", "colour", "blur", "grain", "jpeg",
+)  # fmt: skip
 #: Epochs of a run that names neither steps nor epochs.
 _EPOCHS = 30
 
@@ -59,6 +63,17 @@ def train() -> None:
 @click.option("--validate-every", type=click.IntRange(1), metavar="STEPS", help="[a tenth of the run]")
 @click.option("--manifest", type=PATH, help="Manifest of the data, whose sha256 the model card names.")
 @click.option("--compile", is_flag=True, help="Use torch.compile.")
+@click.option(
+    "--without", multiple=True, type=click.Choice(_CHANGES), help="Random change that is left out; repeatable."
+)
+@click.option(
+    "--cache", type=OUTPUT_FOLDER, default=None, metavar="FOLDER",
+    help="Decoded frames, which several runs on the same shards share [DIR/cache].",
+)  # fmt: skip
+@click.option(
+    "--calibrate-on", type=PATH, metavar="SHARDS",
+    help="Homes and voices for threshold and temperatures [the run's own validation homes].",
+)  # fmt: skip
 @click.option("--workers", type=WORKERS, default=None, help="Processes that read shards [one per core].")
 def listener(
     data: Path, folder: Path, epochs: float | None, steps: int | None, manifest: Path | None, **chosen: Any

@@ -14,12 +14,15 @@ from typing import Any
 import torch
 
 from avs3d_bench.errors import UsageError
+from baselines.listener.augment import Bank
 from baselines.listener.batches import SOUNDS, Sampler
+from baselines.listener.calibration import calibrate
 from baselines.listener.card import RunMachine, write_result
 from baselines.listener.checkpoint import Settings
 from baselines.listener.model import SIZES
-from baselines.listener.steps import Schedule
-from baselines.listener.training import prepare, train
+from baselines.listener.steps import Result, Schedule
+from baselines.listener.training import CACHE, CALIBRATION, prepare, train
+from baselines.listener.weights import Calibration
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,9 @@ class TrainingOptions:
     validate_every: int | None = None
     compile: bool = False
     workers: int | None = None
+    without: tuple[str, ...] = ()
+    cache: Path | None = None
+    calibrate_on: Path | None = None
 
 
 def make_fabric(job: TrainingOptions, precision: str) -> Any:
@@ -80,6 +86,15 @@ def flushed() -> Iterator[None]:
         torch.set_flush_denormal(before)
 
 
+def calibration_of(job: TrainingOptions, result: Result, fabric: Any) -> tuple[Calibration, dict[str, Any]]:
+    """Of a finished run: on the shards that its options name, else on its validation homes; see `calibrate`."""
+    store = result.store
+    if job.calibrate_on is not None:
+        store = prepare(job.calibrate_on, job.folder / CALIBRATION, fabric, workers=job.workers)
+    bank = Bank(store, fabric.device)
+    return calibrate(result.network, store, bank, fabric, every_home=job.calibrate_on is not None)
+
+
 def run_job(job: TrainingOptions, precision: str, *, progress: bool = False) -> tuple[bool | None, int, int]:
     """Train; (finished, steps that are done, all steps). ``finished`` is None on all devices but the first.
 
@@ -95,9 +110,9 @@ def run_job(job: TrainingOptions, precision: str, *, progress: bool = False) -> 
     # The settings are checked before minutes are spent on reading.
     settings = Settings(
         steps=job.steps or job.picture_steps + 1, picture_steps=job.picture_steps, batch=job.batch, rate=job.rate,
-        homes=job.homes, seed=job.seed, widths=SIZES[job.size],
+        homes=job.homes, seed=job.seed, widths=SIZES[job.size], without=tuple(sorted(set(job.without))),
     )  # fmt: skip
-    store = prepare(job.data, job.folder, fabric, workers=job.workers, progress=progress)
+    store = prepare(job.data, job.cache or job.folder / CACHE, fabric, workers=job.workers, progress=progress)
     if not job.steps:
         sampler = Sampler(store, job.batch // SOUNDS, job.seed, fabric.world_size, job.homes)
         settings = replace(settings, steps=job.picture_steps + max(1, round(job.epochs * sampler.steps)))
@@ -106,11 +121,11 @@ def run_job(job: TrainingOptions, precision: str, *, progress: bool = False) -> 
     schedule = Schedule(minutes=left, validate_every=job.validate_every, compile=job.compile)
     with flushed():
         result = train(store, job.folder, settings, fabric=fabric, schedule=schedule)
+        found = calibration_of(job, result, fabric) if result.finished else None
     if fabric.global_rank:
         return None, result.step, settings.steps
-    if result.finished:
-        write_result(
-            job.folder, result, settings, RunMachine.of(fabric, precision), data=job.data, manifest=job.manifest
-        )
+    if found is not None:
+        machine = RunMachine.of(fabric, precision)
+        write_result(job.folder, result, settings, machine, found, data=job.data, manifest=job.manifest)
     sys.stdout.flush()
     return result.finished, result.step, settings.steps

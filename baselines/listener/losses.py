@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from avs3d_bench.contract.taxonomy import CATEGORIES
 from baselines.listener.augment import Batch
 from baselines.listener.masks import LEAST_AREA
 from baselines.listener.model import CLASSES, ListenerOutput
@@ -74,8 +75,21 @@ def losses(output: ListenerOutput, batch: Batch) -> Losses:
         shares = functional.avg_pool2d(batch.masks.float(), 2)
         mask = functional.binary_cross_entropy_with_logits(logits, shares)
         dice = dice_loss(logits, shares)
-        audible = functional.binary_cross_entropy_with_logits(output.audible.float(), batch.audible)
+        audible = audible_loss(output.audible.float(), batch)
     return Losses(mask, dice, class_loss(classes, truth) + class_dice(classes, truth), audible)
+
+
+def audible_loss(audible: Tensor, batch: Batch) -> Tensor:
+    """Binary cross-entropy of what is heard; names count where they are known, "no name" counts everywhere.
+
+    Args:
+        audible: (B·K, categories [+ 1]) logits.
+        batch: with its truth.
+    """
+    weights = batch.named[:, None].float().expand(-1, audible.shape[1]).clone()
+    weights[:, len(CATEGORIES) :] = 1
+    each = functional.binary_cross_entropy_with_logits(audible, batch.audible[:, : audible.shape[1]], reduction="none")
+    return (each * weights).sum() / weights.sum().clamp(min=1)
 
 
 def class_shares(classes: Tensor) -> Tensor:
@@ -161,12 +175,13 @@ def measure(output: ListenerOutput, batch: Batch, threshold: float = 0.5) -> dic
     classes = full_size(output.classes, size).softmax(dim=1)
     what = classes.argmax(dim=1)
     # The mask of the category, where one alone is heard: what `marks` hands to a method that lifts masks.
-    named = 1 + batch.audible.argmax(dim=1)
+    truly = batch.audible[:, : len(CATEGORIES)]
+    named = 1 + truly.argmax(dim=1)
     category = batch.classes == named[:, None, None]
-    shown = (batch.audible.sum(dim=1) == 1) & category.flatten(1).any(dim=1)
+    shown = (truly.sum(dim=1) == 1) & category.flatten(1).any(dim=1)
     of_category = _iou(_without_small(classes[0, named] > threshold), category)
     objects, found = batch.classes > 0, what > 0
-    heard = (output.audible > 0) == (batch.audible > 0.5)
+    heard = (output.audible[:, : len(CATEGORIES)] > 0) == (truly > 0.5)
     return {
         "iou": float(ious[seen].sum()),
         "seen": float(seen.sum()),

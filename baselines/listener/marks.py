@@ -32,12 +32,16 @@ from baselines.networks.device import inference
 if TYPE_CHECKING:
     import torch
 
+    from baselines.listener.weights import Calibration
+
 #: Which of the network's answers is the mask.
 Which = Literal["sounding", "category"]
 #: How often the network looks at a train frame.
 MARKING_LOOKS: Looks = "several"
 #: Probability above which a pixel is marked as the category; chosen on validation homes, as `THRESHOLD`.
 CATEGORY_THRESHOLD = 0.2
+#: In place of a category: what is heard may be any.
+EVERY = -1
 
 
 @dataclass(frozen=True)
@@ -48,15 +52,19 @@ class ListenerMarker:
         weights: file of weights; None: those of the package.
         digest: sha256 of the weights.
         which: see the module.
+        calibration: of the weights, if they name one; it has the thresholds.
     """
 
     weights: Path | None
     digest: str
     which: Which = "category"
+    calibration: Calibration | None = None
 
     @property
     def threshold(self) -> float:
         """Probability above which a pixel is marked."""
+        if self.calibration is not None:
+            return self.calibration.category if self.which == "category" else self.calibration.threshold
         return CATEGORY_THRESHOLD if self.which == "category" else THRESHOLD
 
     @property
@@ -118,9 +126,14 @@ def _answers(method: ListenerMethod, frames: Sequence[Frame]) -> list[Answer]:
 
 
 def shared_category(answers: Sequence[Answer]) -> int:
-    """The category (0-based) that is most probably heard in all of these answers: the largest sum of log-odds."""
+    """The category (0-based) that is most probably heard in all of these answers: the largest sum of log-odds.
+
+    `EVERY` if it is more probable that what is heard has no name: then its place decides among all objects.
+    """
     odds = np.sum([log_odds(answer.audible) for answer in answers], axis=0)
-    return int(np.argmax(odds))
+    best = int(np.argmax(odds))
+    unknown, named = (np.mean(each) for each in ([a.unknown for a in answers], [a.audible[best] for a in answers]))
+    return EVERY if unknown > named else best
 
 
 def of_category(answer: Answer, category: int | None) -> Answer:
@@ -128,10 +141,14 @@ def of_category(answer: Answer, category: int | None) -> Answer:
 
     Args:
         answer: of the network.
-        category: 0-based, the only one that is heard; None: as the answer says, P(heard) = Σ P(class) · P(audible).
+        category: 0-based, the only one that is heard; `EVERY`: it may be any; None: as the answer says,
+            P(heard) = Σ P(class) · P(heard by name, or as what has no name).
     """
     if category is None:
-        return replace(answer, mask=log_odds(np.einsum("chw,c->hw", answer.classes[1:], answer.audible)))
+        return replace(answer, mask=log_odds(np.einsum("chw,c->hw", answer.classes[1:], answer.heard)))
+    if category == EVERY:
+        objects = np.asarray(1 - answer.classes[0], np.float32)
+        return replace(answer, mask=log_odds(objects), audible=np.ones_like(answer.audible))
     audible = np.zeros_like(answer.audible)
     audible[category] = 1
     return replace(answer, mask=log_odds(answer.classes[1 + category]), audible=audible)
@@ -149,7 +166,8 @@ def load_marker(weights: Path | None = None, *, which: Which = "category") -> Li
     Raises:
         Avs3dError: if the weights are missing, damaged, or of another version.
     """
-    from baselines.listener.weights import load_listener
+    from baselines.listener.weights import read_weights
 
     path = None if weights is None else weights.absolute()
-    return ListenerMarker(path, load_listener(path)[1], which)
+    found = read_weights(path)
+    return ListenerMarker(path, found.digest, which, found.calibration)

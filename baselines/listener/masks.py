@@ -27,11 +27,18 @@ class Answer:
         mask: (n, n) float32 logits: what sounds.
         classes: (8, n, n) float32: probability of each class at each pixel, from the picture alone.
         audible: (7,) float32: probability of each category, from the sound alone.
+        unknown: probability that something is heard which has no name.
     """
 
     mask: NDArray[np.float32]
     classes: NDArray[np.float32]
     audible: NDArray[np.float32]
+    unknown: float = 0.0
+
+    @property
+    def heard(self) -> NDArray[np.float32]:
+        """(7,) how probable it is of each category that it is what is heard: by name, or as what has no name."""
+        return np.asarray(1 - (1 - self.audible) * (1 - self.unknown), np.float32)
 
 
 def guided(values: NDArray[np.float32], picture: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -69,7 +76,7 @@ def class_map(mask: NDArray[np.bool_], answer: Answer) -> NDArray[np.uint8]:
     if not mask.any():
         return out
     count, labels = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)
-    likely = answer.classes[1:] * answer.audible[:, None, None]
+    likely = answer.classes[1:] * answer.heard[:, None, None]
     ids = np.zeros(count, np.uint8)
     for label in range(1, count):
         rows, columns = np.nonzero(labels == label)
@@ -99,4 +106,5 @@ def agreed(answers: Sequence[Answer]) -> Answer:
     masks = [cells(expit(answer.mask)) for answer in answers]
     classes = [np.stack([cells(each) for each in answer.classes]) for answer in answers]
     audible = [answer.audible for answer in answers]
-    return Answer(log_odds(np.mean(masks, axis=0)), np.mean(classes, axis=0), np.mean(audible, axis=0))
+    unknown = float(np.mean([answer.unknown for answer in answers]))
+    return Answer(log_odds(np.mean(masks, axis=0)), np.mean(classes, axis=0), np.mean(audible, axis=0), unknown)

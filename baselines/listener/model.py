@@ -6,7 +6,8 @@
                          │                                │
     sound ── encoder ────│──┬───────────────────────── audible: what is heard (the picture is not used)
                          │  │                             │
-                         │  │        match map: how probable it is that the category of this pixel is heard
+                         │  │        match map: how probable it is that the category of this pixel is heard,
+                         │  │        or something that has no name
                          │  │                             │
                          └── attention ── decoder ── mask: what sounds
                                              │
@@ -61,6 +62,7 @@ class Widths:
         decoder: channels of both decoders at strides 16, 8, 4, 2; that of the mask ends at stride 4.
         audio: channels of the sound's encoder; the last is also that of the tokens, and of the attention.
         attention: layers of it.
+        unknown: whether it also says how probable it is that something is heard which it cannot name.
     """
 
     image: tuple[int, ...] = (32, 64, 128, 256, 256)
@@ -68,6 +70,7 @@ class Widths:
     decoder: tuple[int, ...] = (128, 96, 64, 32)
     audio: tuple[int, ...] = (32, 64, 128, 256)
     attention: int = 2
+    unknown: bool = False
 
     def checked(self) -> Widths:
         """The same; for sizes that a file names.
@@ -86,15 +89,17 @@ class Widths:
                 raise ValueError(f"{name}: expected {count or 1} numbers")
             if not all(type(number) is int and least <= number <= most for number in numbers):
                 raise ValueError(f"{name}: expected whole numbers between {least} and {most}")
+        if not isinstance(self.unknown, bool):
+            raise ValueError("unknown: expected true or false")
         return self
 
 
 #: Sizes by name: of the release, and one that two cores of a CPU train within hours.
 SIZES = {
-    "full": Widths(),
+    "full": Widths(unknown=True),
     "small": Widths(
         image=(16, 32, 80, 160, 224), blocks=(0, 2, 2, 3, 2), decoder=(96, 64, 32, 16), audio=(32, 64, 96, 128),
-        attention=1,
+        attention=1, unknown=True,
     ),
 }  # fmt: skip
 
@@ -104,7 +109,8 @@ class ListenerOutput(NamedTuple):
 
     Attributes:
         classes: (B, CLASSES, h, w) at stride 2: what is at each pixel, from the picture alone.
-        audible: (B·K, categories): what is heard, from the sound alone.
+        audible: (B·K, categories [+ 1]): what is heard, from the sound alone; with `Widths.unknown`, the last one:
+            something that has no name.
         mask: (B·K, h, w) at stride 2: what sounds.
     """
 
@@ -171,10 +177,10 @@ class SoundEncoder(nn.Module):
         self.token = nn.Linear(before * bands, before)
         self.level = nn.Sequential(nn.Linear(4, before), nn.GELU(), nn.Linear(before, before))
         self.norm = nn.LayerNorm(before)
-        self.audible = nn.Linear(2 * before, len(CATEGORIES))
+        self.audible = nn.Linear(2 * before, len(CATEGORIES) + widths.unknown)
 
     def forward(self, bands: Tensor, levels: Tensor) -> tuple[Tensor, Tensor]:
-        """Tokens (B, m, C), the first of which holds the broadband levels, and logits (B, categories)."""
+        """Tokens (B, m, C), the first of which holds the broadband levels, and logits (B, categories [+ 1])."""
         moments = self.token(self.layers(bands).permute(0, 3, 1, 2).flatten(2))
         tokens = self.norm(torch.cat([self.level(levels)[:, None].to(moments.dtype), moments], dim=1))
         return tokens, self.audible(torch.cat([tokens.mean(dim=1), tokens.amax(dim=1)], dim=1))
@@ -287,7 +293,9 @@ class Listener(nn.Module):
         classes = self.picture_decoder(encoded)
         if sound is None:
             return ListenerOutput(
-                classes, classes.new_zeros(0, len(CATEGORIES)), classes.new_zeros(0, *classes.shape[-2:])
+                classes,
+                classes.new_zeros(0, len(CATEGORIES) + self.widths.unknown),
+                classes.new_zeros(0, *classes.shape[-2:]),
             )
         tokens, audible = self.sound_encoder(sound.bands, sound.levels)
         match = match_map(classes, audible)
@@ -314,14 +322,20 @@ def hear(sound: Tensor, camera: Tensor, size: tuple[int, int]) -> SoundFeatures:
 def match_map(classes: Tensor, audible: Tensor) -> Tensor:
     """(B·K, 1, h, w): the probability that a pixel's category is heard; no gradient flows through it.
 
+    What has no name may be of any category: where u is its probability, a category is heard with 1 − (1 − p)(1 − u).
+
     Args:
         classes: (B, CLASSES, h, w) logits.
-        audible: (B·K, categories) logits.
+        audible: (B·K, categories [+ 1]) logits.
     """
     count = audible.shape[0] // classes.shape[0]
     what = classes.detach().softmax(dim=1)[:, 1:]
-    heard = audible.detach().sigmoid().reshape(-1, count, audible.shape[1])
-    return torch.einsum("bchw,bkc->bkhw", what, heard).flatten(0, 1)[:, None]
+    heard = audible.detach().sigmoid()
+    named = heard[:, : len(CATEGORIES)]
+    if heard.shape[1] > len(CATEGORIES):
+        named = 1 - (1 - named) * (1 - heard[:, len(CATEGORIES) :])
+    named = named.reshape(-1, count, len(CATEGORIES))
+    return torch.einsum("bchw,bkc->bkhw", what, named).flatten(0, 1)[:, None]
 
 
 def parameter_count(network: nn.Module) -> int:

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.contract import layout
+from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.dataset import Dataset, Frame
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.method import Method, write_submission
@@ -80,6 +81,7 @@ class ListenerMethod:
         refine: see `Refine`.
         hearing: what it hears, to see whether and how it listens.
         looks: name of `LOOKS`.
+        calibration: `weights.Calibration` by whose temperatures log-odds are divided; None: they stay.
     """
 
     network: Any
@@ -89,6 +91,7 @@ class ListenerMethod:
     refine: Refine = "edges"
     hearing: SoundControl = "own"
     looks: Looks = "several"
+    calibration: Any = None
 
     def answers(
         self, pictures: Sequence[NDArray[np.uint8]], sounds: Any, cameras: Any, *, looks: Looks | None = None
@@ -123,14 +126,19 @@ class ListenerMethod:
         masks, classes = found.mask[..., :cells, :cells].float(), found.classes[..., :cells, :cells].float()
         if look.mirrored:
             masks, classes = masks.flip(-1), classes.flip(-1)
-        audible = found.audible.sigmoid().float().cpu().numpy()
-        numbers = (masks.cpu().numpy(), classes.softmax(dim=1).cpu().numpy(), audible)
+        by_mask, by_name = (self.calibration.mask, self.calibration.audible) if self.calibration else (1.0, 1.0)
+        heard = (found.audible.float() / by_name).sigmoid().cpu().numpy()
+        numbers = ((masks / by_mask).cpu().numpy(), classes.softmax(dim=1).cpu().numpy(), heard)
         if not all(np.isfinite(found).all() for found in numbers):
             raise Avs3dError(
                 f"weights {self.digest[:12]}: the listener answers with NaN or infinite numbers; train it again, "
                 "or name other weights"
             )
-        return [Answer(*each) for each in zip(*numbers, strict=True)]
+        named = len(CATEGORIES)
+        return [
+            Answer(mask, what, names[:named], float(names[named]) if len(names) > named else 0.0)
+            for mask, what, names in zip(*numbers, strict=True)
+        ]
 
     def predictions(self, frames: Sequence[Frame]) -> list[Prediction]:
         """Masks of frames, with class ids in part_3.
@@ -167,10 +175,12 @@ class ListenerMethod:
         heard = f"; {SAID[self.hearing]}" if SAID[self.hearing] else ""
         edges = {"none": "no refinement", "edges": "guided filter at edges"}
         looks = {"one": "one look at 252²", "several": "looks at 252² and 504², also mirrored"}[self.looks]
+        said = self.calibration
+        warm = f"; log-odds of masks divided by {said.mask:g}, of names by {said.audible:g}" if said else ""
         return (
             f"2D, from the picture and the binaural second of test frames; weights {self.digest[:12]}; "
             f"{looks}; marked where > {self.threshold:g}; {edges[self.refine]}; "
-            f"components below {LEAST_AREA:g} of the picture dropped{heard}"
+            f"components below {LEAST_AREA:g} of the picture dropped{warm}{heard}"
         )
 
 
@@ -218,30 +228,38 @@ def load_method(
     weights: str | Path | None = None,
     *,
     device: str | None = None,
-    threshold: float = THRESHOLD,
+    threshold: float | None = None,
     refine: Refine = "edges",
     hearing: SoundControl = "own",
     looks: Looks = "several",
+    calibrated: bool = True,
 ) -> ListenerMethod:
     """The listener, ready to predict.
 
     Args:
         weights: file; None: those of the package.
         device: cpu, cuda or cuda:<number>; None: a GPU where there is one.
-        threshold: see `THRESHOLD`.
+        threshold: probability above which a pixel is marked; None: that of the weights, else `THRESHOLD`.
         refine: see `Refine`.
         hearing: what it hears.
         looks: name of `LOOKS`.
+        calibrated: take the temperatures and the threshold that the weights name, if they do.
 
     Raises:
         UsageError: if there is no such device.
         Avs3dError: if the weights are missing, damaged, or of another version.
     """
-    from baselines.listener.weights import load_listener
+    from baselines.listener.weights import read_weights
 
     where = pick_device(device)
-    network, digest = load_listener(weights, device=where)
-    return ListenerMethod(network, where, digest, threshold=threshold, refine=refine, hearing=hearing, looks=looks)
+    found = read_weights(weights, device=where)
+    calibration = found.calibration if calibrated else None
+    if threshold is None:
+        threshold = calibration.threshold if calibration else THRESHOLD
+    return ListenerMethod(
+        found.network, where, found.digest, threshold=threshold, refine=refine, hearing=hearing, looks=looks,
+        calibration=calibration,
+    )  # fmt: skip
 
 
 def write_listener(

@@ -37,7 +37,7 @@ from avs3d_bench.runtime.parallel import advance, process_each
 #: Side of the pictures the network works on (pixels).
 SIDE = 252
 #: Changes when the stored arrays do: folders of other versions are written again.
-VERSION = 1
+VERSION = 2
 TABLE = "table.json"
 _REQUIRED = {
     "json": "facts",
@@ -60,6 +60,7 @@ class FrameEntry:
         group: key of the observation whose pictures it shares, with the frame's name.
         home: name of the scan.
         audible: categories that are heard.
+        other: whether a sound of no class is heard.
         lateral: lateral angle of the only audible source (rad); NaN if there is none, or several.
         camera: fx, fy, cx, cy as shares of the picture's width and height.
         instances: (id, class) of the instances of the seven categories.
@@ -70,6 +71,7 @@ class FrameEntry:
     group: str
     home: str
     audible: tuple[str, ...]
+    other: bool
     lateral: float
     camera: tuple[float, float, float, float]
     instances: tuple[tuple[int, int], ...]
@@ -86,6 +88,7 @@ class ShardTable:
         keys: of each sound, ``<observation key>/<frame name>``.
         view: of each sound, its picture.
         audible: of each sound, the categories that are heard.
+        others: of each sound, whether a sound of no class is heard.
         lateral: of each sound, the lateral angle of its only audible source (rad), None if there is none or several.
         groups: of each picture, the group and frame.
         homes: of each picture.
@@ -98,6 +101,7 @@ class ShardTable:
     keys: list[str]
     view: list[int]
     audible: list[list[str]]
+    others: list[bool]
     lateral: list[float | None]
     groups: list[str]
     homes: list[str]
@@ -190,7 +194,7 @@ def _entry(path: Path, key: str, members: dict[str, tuple[int, int]], data: byte
     offset, size = members["json"]
     try:
         facts = json.loads(data[offset : offset + size])
-        audible, lateral = _heard(facts)
+        audible, other, lateral = _heard(facts)
         (fx, _, cx), (_, fy, cy), _ = facts["intrinsics"]
         width, height = facts["width"], facts["height"]
         return FrameEntry(
@@ -198,6 +202,7 @@ def _entry(path: Path, key: str, members: dict[str, tuple[int, int]], data: byte
             group=f"{facts.get('group') or facts['key']}/{facts['frame']}",
             home=facts["scan"],
             audible=audible,
+            other=other,
             lateral=lateral,
             camera=(fx / width, fy / height, cx / width, cy / height),
             instances=tuple((i["id"], _CLASS[i["category"]]) for i in facts["instances"] if i["category"] in _CLASS),
@@ -208,8 +213,11 @@ def _entry(path: Path, key: str, members: dict[str, tuple[int, int]], data: byte
         raise Avs3dError(f"{path}: {key}.json lacks facts or is damaged ({kind}: {error}); export it again") from None
 
 
-def _heard(facts: dict[str, Any]) -> tuple[tuple[str, ...], float]:
-    """The audible categories, and the lateral angle of the only source (NaN if there is none, or several)."""
+def _heard(facts: dict[str, Any]) -> tuple[tuple[str, ...], bool, float]:
+    """The audible categories, whether something of no class is heard, and the lateral angle of the only source.
+
+    The angle is NaN if there is no source, or several.
+    """
     if "audible" in facts:
         category = {source["id"]: source["category"] for source in facts["sources"]}
         names = [category[each["source"]] for each in facts["audible"]]
@@ -222,7 +230,8 @@ def _heard(facts: dict[str, Any]) -> tuple[tuple[str, ...], float]:
     azimuth, elevation = facts["azimuth"], facts["elevation"]
     known = only and azimuth is not None and elevation is not None
     lateral = math.asin(math.sin(math.radians(azimuth)) * math.cos(math.radians(elevation))) if known else math.nan
-    return tuple(sorted({name for name in names if name in _CLASS})), lateral
+    known_names = {name for name in names if name in _CLASS}
+    return tuple(sorted(known_names)), bool(set(names) - known_names), lateral
 
 
 def read_store(
@@ -319,6 +328,7 @@ def _table(digest: str, entries: Sequence[FrameEntry]) -> tuple[ShardTable, list
         keys=[entry.key for entry in entries],
         view=[views[entry.group] for entry in entries],
         audible=[list(entry.audible) for entry in entries],
+        others=[entry.other for entry in entries],
         lateral=[None if math.isnan(entry.lateral) else entry.lateral for entry in entries],
         groups=[entry.group for entry in shown],
         homes=[entry.home for entry in shown],

@@ -180,7 +180,7 @@ class Run:
     def _gather(self, step: int, plan: BatchPlan, rank: int) -> Batch:
         seed = np.random.SeedSequence((self.settings.seed, 2, step, rank)).generate_state(1)[0]
         generator = torch.Generator(self.fabric.device).manual_seed(int(seed))
-        return self.bank.gather(plan, generator)
+        return self.bank.gather(plan, generator, self.settings.without)
 
     def _step(self, step: int, plan: BatchPlan) -> None:
         for group in self.optimiser.param_groups:

@@ -3,6 +3,7 @@
 A run's folder holds:
 
     cache/                 the frames of the shards, decoded (see `shards`)
+    calibration/           the same of --calibrate-on, if it is given
     checkpoint.pt          network, average, optimiser and step, replaced every few minutes
     progress.jsonl         one line per report: step, losses, throughput, validation
     listener.safetensors   the averaged weights, float16, with listener.safetensors.sha256
@@ -26,7 +27,7 @@ from baselines.listener.checkpoint import Settings, State, new_state, resume
 from baselines.listener.shards import ShardStore, open_store, read_store
 from baselines.listener.steps import Result, Run, Schedule
 
-CACHE = "cache"
+CACHE, CALIBRATION = "cache", "calibration"
 
 
 def prepare(
@@ -36,7 +37,7 @@ def prepare(
 
     Args:
         data: folder of shards.
-        folder: of the run.
+        folder: of the decoded frames; runs on the same shards may share one, if it is filled by one of them.
         fabric: a launched `lightning.fabric.Fabric`.
         workers: processes that read shards; None: one per core.
         progress: show bars on stderr.
@@ -47,10 +48,10 @@ def prepare(
     """
     folder = Path(folder)
     if fabric.global_rank == 0:
-        folder.mkdir(parents=True, exist_ok=True)
-        read_store(data, folder / CACHE, workers=workers, progress=progress)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        read_store(data, folder, workers=workers, progress=progress)
     fabric.barrier()
-    store = open_store(folder / CACHE)
+    store = open_store(folder)
     assert store is not None
     return store
 
@@ -77,6 +78,7 @@ def train(
         Avs3dError: if memory does not suffice, or the loss is no number any more.
     """
     folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
     state = new_state(settings, fabric.device)
     resume(state, folder, settings, store.table.digest)
     with _enough_memory(fabric.device, state, settings):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -10,10 +10,10 @@ import numpy as np
 import torch
 
 from avs3d_bench.contract.taxonomy import CATEGORIES
-from baselines.listener.augment import Bank
+from baselines.listener.augment import Bank, Batch
 from baselines.listener.batches import BatchPlan, SoundKind, split_homes
 from baselines.listener.losses import SUMS, figures, measure
-from baselines.listener.model import Listener, hear
+from baselines.listener.model import Listener, ListenerOutput, hear
 from baselines.listener.predict import THRESHOLD
 from baselines.listener.shards import ShardStore, ShardTable
 
@@ -24,7 +24,11 @@ MOST_PICTURES = 512
 def validation_views(table: ShardTable) -> list[int]:
     """Pictures of the homes kept for validation; of the only home, where there is one alone."""
     training, kept = split_homes(table.homes)
-    views = [view for view, home in enumerate(table.homes) if home in (kept or training)]
+    return spread([view for view, home in enumerate(table.homes) if home in (kept or training)])
+
+
+def spread(views: Sequence[int]) -> list[int]:
+    """At most `MOST_PICTURES` of them, evenly."""
     return [views[i] for i in np.linspace(0, len(views) - 1, min(len(views), MOST_PICTURES)).round().astype(int)]
 
 
@@ -32,7 +36,9 @@ def view_plan(table: ShardTable, view: int, sounds: list[int]) -> BatchPlan:
     """One picture with its own sounds."""
     column = np.asarray(sounds, np.int64)[:, None]
     pair = np.concatenate([column, np.full_like(column, -1)], axis=1)
-    audible = np.asarray([[name in table.audible[sound] for name in CATEGORIES] for sound in sounds], np.bool_)
+    audible = np.asarray(
+        [[*(name in table.audible[sound] for name in CATEGORIES), table.others[sound]] for sound in sounds], np.bool_
+    )
     return BatchPlan(np.asarray([view], np.int64), pair, pair, audible, np.full(len(sounds), SoundKind.OWN, np.int64))
 
 
@@ -47,10 +53,42 @@ def _no_search() -> Iterator[None]:
         torch.backends.cudnn.benchmark = before
 
 
+def answers(
+    network: Any, store: ShardStore, bank: Bank, fabric: Any, views: Sequence[int]
+) -> Iterator[tuple[ListenerOutput, Batch]]:
+    """What a network says to pictures with all of their own sounds, unchanged; each device looks at its share.
+
+    Args:
+        network: the (averaged) `Listener`.
+        store: what is stored.
+        bank: the same on the device.
+        fabric: a launched `lightning.fabric.Fabric`.
+        views: numbers of pictures.
+    """
+    assert isinstance(network, Listener)
+    of_view: dict[int, list[int]] = {}
+    for sound, view in enumerate(store.table.view):
+        of_view.setdefault(view, []).append(sound)
+    training = network.training
+    network.eval()
+    with torch.inference_mode(), fabric.autocast(), _no_search():
+        for view in views[fabric.global_rank :: fabric.world_size]:
+            batch = bank.gather(view_plan(store.table, view, of_view[view]), None)
+            cameras = batch.cameras.expand(len(batch.sounds), -1)
+            heard = hear(batch.sounds, cameras, (batch.pictures.shape[-2], batch.pictures.shape[-1]))
+            yield network(batch.pictures, heard), batch
+    network.train(training)
+
+
 def validate(
-    network: Any, store: ShardStore, bank: Bank, fabric: Any, thresholds: tuple[float, ...] = (THRESHOLD,)
+    network: Any,
+    store: ShardStore,
+    bank: Bank,
+    fabric: Any,
+    thresholds: tuple[float, ...] = (THRESHOLD,),
+    views: Sequence[int] | None = None,
 ) -> list[dict[str, float | None]]:
-    """Figures of a network over the validation homes; each device looks at its share.
+    """Figures of a network over the validation homes.
 
     Args:
         network: the (averaged) `Listener`.
@@ -58,26 +96,16 @@ def validate(
         bank: the same on the device.
         fabric: a launched `lightning.fabric.Fabric`.
         thresholds: probabilities above which a pixel is marked.
+        views: other pictures than those of the validation homes.
 
     Returns:
         The figures for each threshold, see `losses.figures`.
     """
-    assert isinstance(network, Listener)
-    of_view: dict[int, list[int]] = {}
-    for sound, view in enumerate(store.table.view):
-        of_view.setdefault(view, []).append(sound)
     sums = torch.zeros(len(thresholds), len(SUMS), dtype=torch.float64, device=fabric.device)
-    training = network.training
-    network.eval()
-    with torch.inference_mode(), fabric.autocast(), _no_search():
-        for view in validation_views(store.table)[fabric.global_rank :: fabric.world_size]:
-            batch = bank.gather(view_plan(store.table, view, of_view[view]), None)
-            cameras = batch.cameras.expand(len(batch.sounds), -1)
-            heard = hear(batch.sounds, cameras, (batch.pictures.shape[-2], batch.pictures.shape[-1]))
-            output = network(batch.pictures, heard)
-            found = [measure(output, batch, threshold) for threshold in thresholds]
-            rows = [[each[name] for name in SUMS] for each in found]
-            sums += torch.tensor(rows, dtype=torch.float64, device=fabric.device)
-    network.train(training)
+    chosen = validation_views(store.table) if views is None else views
+    for output, batch in answers(network, store, bank, fabric, chosen):
+        found = [measure(output, batch, threshold) for threshold in thresholds]
+        rows = [[each[name] for name in SUMS] for each in found]
+        sums += torch.tensor(rows, dtype=torch.float64, device=fabric.device)
     total = fabric.all_reduce(sums, reduce_op="sum")
     return [figures(dict(zip(SUMS, row, strict=True))) for row in total.tolist()]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -18,22 +19,78 @@ from avs3d_bench.text.printable import printable
 from baselines.listener.model import Listener, Widths
 
 #: Changes when the network's layers, its features or its direction map do.
-NETWORK_VERSION = 2
+NETWORK_VERSION = 3
+#: Versions that can be read: 2 has no output for what it cannot name, and no calibration.
+READABLE = (2, NETWORK_VERSION)
 #: The weights of this package, their sha256 beside them, and the card of the run that made them.
 PACKAGED = Path(__file__).parent / "weights" / "listener.safetensors"
 WEIGHTS_FORMAT = "avs3d-listener"
 _DIGEST_SUFFIX = ".sha256"
 
 
-def save_weights(network: Listener, path: str | Path) -> str:
+@dataclass(frozen=True)
+class Calibration:
+    """What validation homes say of a network's probabilities, and where to mark.
+
+    Attributes:
+        mask: temperature of the mask: its log-odds are divided by this (Guo et al., "On calibration of modern neural
+            networks", ICML 2017, §4.2).
+        audible: the same of what is heard.
+        threshold: probability, after this, above which a pixel is marked as sounding.
+        category: the same of a pixel's class, for masks of a category.
+    """
+
+    mask: float = 1.0
+    audible: float = 1.0
+    threshold: float = 0.5
+    category: float = 0.2
+
+    def checked(self) -> Calibration:
+        """The same; for numbers that a file names.
+
+        Raises:
+            ValueError: if a temperature is not between .05 and 20, or a threshold not between 0 and 1.
+        """
+        for name in ("mask", "audible"):
+            if not 0.05 <= float(getattr(self, name)) <= 20:
+                raise ValueError(f"{name}: expected a temperature between 0.05 and 20")
+        for name in ("threshold", "category"):
+            if not 0 < float(getattr(self, name)) < 1:
+                raise ValueError(f"{name}: expected a probability between 0 and 1")
+        return self
+
+
+class LoadedWeights(NamedTuple):
+    """What a file of weights holds.
+
+    Attributes:
+        network: in evaluation mode.
+        digest: sha256 of the file.
+        calibration: of the file; None where it has none.
+    """
+
+    network: Listener
+    digest: str
+    calibration: Calibration | None
+
+
+def save_weights(network: Listener, path: str | Path, calibration: Calibration | None = None) -> str:
     """Write a network's weights as float16, and their sha256 to a file beside; both atomically.
+
+    Args:
+        network: whose weights.
+        path: of the file.
+        calibration: is written into the file.
 
     Returns:
         The sha256.
     """
     path = Path(path)
     tensors = {name: tensor.detach().cpu().half().contiguous() for name, tensor in _kept(network).items()}
-    about = json.dumps({"version": NETWORK_VERSION, "widths": network.settings}, sort_keys=True)
+    said: dict[str, Any] = {"version": NETWORK_VERSION, "widths": network.settings}
+    if calibration is not None:
+        said["calibration"] = asdict(calibration)
+    about = json.dumps(said, sort_keys=True)
     with atomic_path(path) as temporary:
         # One entry: the order of several differs from call to call, and with it the sha256.
         temporary.write_bytes(save(tensors, metadata={WEIGHTS_FORMAT: about}))
@@ -50,6 +107,15 @@ def digest_path(path: Path) -> Path:
 
 def load_listener(path: str | Path | None = None, *, device: torch.device | str = "cpu") -> tuple[Listener, str]:
     """The network with its weights in float32, in evaluation mode, and the weights' sha256.
+
+    See `read_weights`.
+    """
+    found = read_weights(path, device=device)
+    return found.network, found.digest
+
+
+def read_weights(path: str | Path | None = None, *, device: torch.device | str = "cpu") -> LoadedWeights:
+    """A file of weights: the network in float32 and evaluation mode, the sha256, the calibration.
 
     Args:
         path: file of weights; None: those of the package. The sha256 in the file beside it is checked, if there is one;
@@ -71,7 +137,7 @@ def load_listener(path: str | Path | None = None, *, device: torch.device | str 
         raise Avs3dError(f"{path}: sha256 {digest[:12]}…, expected {str(expected)[:12]}…; the file was changed or cut")
     try:
         with safe_open(path, "pt") as file:
-            widths = _widths(path, file.metadata() or {})
+            widths, calibration = _said(path, file.metadata() or {})
             shapes = {name: tuple(file.get_slice(name).get_shape()) for name in file.keys()}  # noqa: SIM118
             _check_shapes(path, widths, shapes)
             tensors = {name: file.get_tensor(name).float() for name in shapes}
@@ -82,7 +148,7 @@ def load_listener(path: str | Path | None = None, *, device: torch.device | str 
         raise Avs3dError(f"{path}: {broken} holds NaN or infinite numbers, expected finite weights; train it again")
     network = Listener(widths)
     network.load_state_dict(network.state_dict() | tensors)
-    return network.eval().requires_grad_(False).to(device), digest
+    return LoadedWeights(network.eval().requires_grad_(False).to(device), digest, calibration)
 
 
 def _check_shapes(path: Path, widths: Widths, found: dict[str, tuple[int, ...]]) -> None:
@@ -121,11 +187,11 @@ def _expected(path: Path, *, required: bool) -> str | None:
     return (media.read_bytes(beside).decode(errors="replace").split() or [""])[0]
 
 
-def _widths(path: Path, about: dict[str, str]) -> Widths:
-    """The size of the network that the file names.
+def _said(path: Path, about: dict[str, str]) -> tuple[Widths, Calibration | None]:
+    """The size of the network that the file names, and its calibration.
 
     Raises:
-        Avs3dError: if it is none of this version.
+        Avs3dError: if it is none of a version that can be read.
     """
     if WEIGHTS_FORMAT not in about:
         raise Avs3dError(
@@ -133,14 +199,15 @@ def _widths(path: Path, about: dict[str, str]) -> Widths:
         )
     try:
         said: dict[str, Any] = json.loads(about[WEIGHTS_FORMAT])
-        if said["version"] != NETWORK_VERSION:
+        if said["version"] not in READABLE:
             raise Avs3dError(
                 f"{path}: weights of version {printable(str(said['version']))[:20]} of the listener, expected "
-                f"{NETWORK_VERSION}; take those of this version of the package, or train again"
+                f"{' or '.join(map(str, READABLE))}; take those of this version of the package, or train again"
             )
         lists = said["widths"].items()
         widths: Any = {name: tuple(value) if isinstance(value, list) else value for name, value in lists}
-        return Widths(**widths).checked()
+        found = Calibration(**said["calibration"]).checked() if "calibration" in said else None
+        return Widths(**widths).checked(), found
     except (KeyError, ValueError, TypeError, AttributeError, RecursionError) as error:
         kind = "nested too deeply" if isinstance(error, RecursionError) else printable(str(error))[:200]
         raise Avs3dError(f"{path}: its description of the network is damaged ({kind}); copy it again") from None

@@ -24,8 +24,8 @@ from avs3d_bench.exports import write_webdataset
 torch = pytest.importorskip("torch", reason="torch is not installed: the listener cannot run")
 pytest.importorskip("lightning_fabric", reason="lightning-fabric is not installed: the listener cannot be trained")
 
-from baselines.listener import augment, losses, shards, steps, training, validation, weights  # noqa: E402
-from baselines.listener.batches import COUNTERFACTUAL, SOUNDS, Sampler, SoundKind, split_homes  # noqa: E402
+from baselines.listener import augment, losses, shards, sound_changes, steps, training, validation, weights  # noqa: E402
+from baselines.listener.batches import COUNTERFACTUAL, SOUNDS, UNKNOWN, Sampler, SoundKind, split_homes  # noqa: E402
 from baselines.listener.checkpoint import CHECKPOINT, Settings, new_state  # noqa: E402
 from baselines.listener.model import CLASSES, Listener, hear, match_map, parameter_count  # noqa: E402
 from baselines.listener.steps import Schedule  # noqa: E402
@@ -170,13 +170,15 @@ def test_the_mask_must_follow_the_sound_in_every_batch(store: shards.ShardStore)
 def test_a_sound_of_no_class_is_heard_as_nothing_that_the_network_knows(store: shards.ShardStore) -> None:
     away = next(sound for sound, marked in enumerate(store.marked) if not marked and store.table.audible[sound])
     audible = [list(names) for names in store.table.audible]
-    audible[away] = ["dog"]
-    sampler = Sampler(replace(store, table=replace(store.table, audible=audible)), batch=2, seed=3)
+    audible[away] = []
+    others = [sound == away for sound in range(len(audible))]
+    sampler = Sampler(replace(store, table=replace(store.table, audible=audible, others=others)), batch=2, seed=3)
     slot = sampler._real(away, away)
-    assert (slot.audible, slot.kind) == (set(), SoundKind.OFF_SCREEN)
+    assert (slot.audible, slot.kind) == ({UNKNOWN}, SoundKind.OFF_SCREEN)
     assert all(away not in sounds for sounds in sampler._of_category)
     for step in range(5):
-        assert sampler.plan(step).audible.shape == (2 * SOUNDS, len(CATEGORIES))
+        plan = sampler.plan(step)
+        assert (plan.audible[:, UNKNOWN] == (plan.sounds == away).any(axis=1)).all()
 
 
 def test_a_sound_from_elsewhere_comes_from_no_visible_instance(store: shards.ShardStore) -> None:
@@ -219,11 +221,10 @@ def test_a_mirrored_picture_has_its_ears_swapped(store: shards.ShardStore, monke
     bank = augment.Bank(store, "cpu")
     plan = Sampler(store, 1).plan(0)
     plain = bank.gather(plan, None)
-    for name in ("GREY", "BLURRED", "NOISY", "NOISE_ALONE", "GAIN_DB", "MIX_DB", "TOGETHER_DB", "APART_DB", "ENLARGED"):
+    for name in ("MIX_DB", "ENLARGED"):
         monkeypatch.setattr(augment, name, 0.0)
     monkeypatch.setattr(augment, "MIRRORED", 1.1)
-    monkeypatch.setattr(augment, "coloured", lambda pictures, _: pictures)
-    turned = bank.gather(plan, torch.Generator().manual_seed(0))
+    turned = bank.gather(plan, torch.Generator().manual_seed(0), augment.CHANGES)
     torch.testing.assert_close(turned.pictures, plain.pictures.flip(-1))
     torch.testing.assert_close(turned.sounds, plain.sounds.flip(1), atol=1e-5, rtol=1e-4)
     assert (turned.masks == plain.masks.flip(-1)).all()
@@ -248,7 +249,6 @@ def test_an_enlarged_picture_keeps_the_direction_of_every_pixel(monkeypatch: pyt
 
 
 def test_parts_show_each_category_in_view_equally_often_and_keep_their_classes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(augment, "coloured", lambda pictures, _: pictures)
     monkeypatch.setattr(augment, "AROUND_OBJECTS", 1.1)
     monkeypatch.setattr(augment, "OFF_CENTRE", 0.0)
     monkeypatch.setattr(augment, "PART_SIDE", 32)
@@ -257,9 +257,10 @@ def test_parts_show_each_category_in_view_equally_often_and_keep_their_classes(m
     classes[:, 30:33, 10:13] = 5
     batch = augment.Batch(
         (classes[:, None] / 7).expand(-1, 3, -1, -1), classes, CAMERA.expand(400, -1), torch.zeros(0, 2, 44_100),
-        torch.zeros(0, 64, 64, dtype=torch.bool), torch.zeros(0, 7),
+        torch.zeros(0, 64, 64, dtype=torch.bool), torch.zeros(0, 8), torch.zeros(0, dtype=torch.bool),
+        torch.zeros(0, dtype=torch.int64),
     )  # fmt: skip
-    found = augment.parts(batch, torch.Generator().manual_seed(0))
+    found = augment.parts(batch, torch.Generator().manual_seed(0), augment.CHANGES)
     assert found.pictures.shape == (400, 3, 32, 32)
     # Where the picture is of one class alone, it is the class that the picture shows.
     shown = found.pictures[:, 0] * 7
@@ -276,7 +277,7 @@ def test_parts_show_each_category_in_view_equally_often_and_keep_their_classes(m
 def test_an_equalised_sound_keeps_its_times_and_changes_its_levels() -> None:
     sounds = torch.zeros(1, 2, 44_100)
     sounds[0, 0, 1000] = sounds[0, 1, 1030] = 1.0
-    found = augment.equalised(sounds, torch.Generator().manual_seed(1))
+    found = sound_changes.equalised(sounds, torch.Generator().manual_seed(1), ("band",))
     assert found[0].argmax(dim=1).tolist() == [1000, 1030]
     gains = 20 * torch.log10(torch.fft.rfft(found).abs()[0])
     assert gains.std() > 1
@@ -430,9 +431,10 @@ def pair() -> augment.Batch:
     noise = 0.1 * torch.randn(44_100, generator=torch.Generator().manual_seed(0))
     sounds = torch.stack([torch.stack([noise, torch.roll(noise, 14)]), torch.stack([torch.roll(noise, 14), noise])])
     classes = torch.where(truth.any(dim=0), 4, 0)[None]
-    audible = torch.zeros(2, len(CATEGORIES))
+    audible = torch.zeros(2, len(CATEGORIES) + 1)
     audible[:, 3] = 1
-    return augment.Batch(pictures, classes, CAMERA, sounds, truth, audible)
+    kinds = torch.tensor([SoundKind.OWN, SoundKind.SWAPPED])
+    return augment.Batch(pictures, classes, CAMERA, sounds, truth, audible, torch.ones(2, dtype=torch.bool), kinds)
 
 
 @pytest.mark.slow
@@ -768,8 +770,8 @@ def test_weights_that_were_changed_cut_or_of_another_version_are_one_line(
         weights.load_listener(saved)
     assert "\n" not in str(caught.value)
     saved.write_bytes(content)
-    monkeypatch.setattr(weights, "NETWORK_VERSION", 99)
-    with pytest.raises(Avs3dError, match=r"weights of version 2 of the listener, expected 99"):
+    monkeypatch.setattr(weights, "READABLE", (98, 99))
+    with pytest.raises(Avs3dError, match=r"weights of version 3 of the listener, expected 98 or 99"):
         weights.load_listener(saved)
 
 

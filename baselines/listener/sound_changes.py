@@ -1,0 +1,267 @@
+"""Random changes of sounds that keep their direction: times and levels between the ears stay, what is heard differs.
+
+Microphones, rooms and codecs change a recording's spectrum and its decay, never the direction of its source. So all
+gains here are without phase and, but for the small differences between heads, the same for both ears. Each change has a
+name (`SOUND_CHANGES`) with which a run leaves it out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from avs3d_bench.contract.layout import SAMPLE_RATE
+from baselines.listener.features import HIGHEST, LOWEST, WINDOW
+
+#: Names of the changes; see the functions.
+SOUND_CHANGES = ("gain", "noise", "eq", "ears", "band", "codec", "decay")
+#: Range of gains (dB).
+GAIN_DB = 6.0
+#: Points of the spectrum with a random gain, log-spaced, and its standard deviation (dB): of both ears together, as
+#: rooms and engines differ, and of each ear, as heads differ.
+EQUALISED, TOGETHER_DB, APART_DB = 10, 3.0, 1.0
+#: Share of sounds with a strong response, its largest tilt from end to end, and depth and number of its notches (dB).
+COLOURED, TILT_DB, NOTCH_DB, NOTCHES = 0.6, 12.0, 12.0, 3
+#: Share of sounds whose spectrum ends early, where (Hz), and the order of the slope; the same of its beginning.
+LIMITED, LOWPASS_HZ, HIGHPASSED, HIGHPASS_HZ = 0.5, (3000.0, 20_000.0), 0.3, (40.0, 400.0)
+SLOPES = (2.0, 10.0)
+#: Noise under a sound, below its level (dB); noise instead of a sound, level re full scale (dB).
+NOISE_BELOW_DB, NOISE_ALONE_DB = (15.0, 50.0), (-90.0, -40.0)
+#: Probabilities: noise under a sound, noise instead of silence.
+NOISY, NOISE_ALONE = 0.5, 0.7
+#: One sound in so many is changed window by window, and which share of these by a codec, and by less decay.
+WINDOWED, CODED, DRIED = 3, 0.6, 0.6
+#: A codec leaves out what lies this far below its surroundings (dB), and rounds levels to steps of (dB).
+MASKED_DB, STEP_DB = (8.0, 30.0), (1.0, 6.0)
+#: Share of sounds with more decay, its reverberation time (s), level below the sound (dB) and beginning (s).
+LIVELY, DECAY_S, TAIL_DB, TAIL_AT = 0.3, (0.15, 0.8), (4.0, 20.0), 0.02
+#: Where windows change, the least gain of what decays, and how fast its past is forgotten (s).
+_LEAST_GAIN, _PAST_S = 0.25, 0.12
+#: Bands of a disguise, its largest change of a band of a window (dB).
+DISGUISE_BANDS, DISGUISE_DB = 24, 40.0
+
+
+def uniform(generator: torch.Generator, count: int, low: float = 0.0, high: float = 1.0) -> Tensor:
+    """(count,) uniform numbers."""
+    return low + (high - low) * torch.rand(count, generator=generator, device=generator.device)
+
+
+def level(sound: Tensor) -> Tensor:
+    """(B,) RMS over both ears, never 0."""
+    return sound.square().mean(dim=(1, 2)).sqrt().clamp(min=1e-7)
+
+
+def changed_sounds(sounds: Tensor, generator: torch.Generator, without: Collection[str] = ()) -> Tensor:
+    """Sounds (B, 2, n) as other microphones, rooms, heads and codecs would give them.
+
+    Args:
+        sounds: channel 0 left.
+        generator: of random numbers, on the sounds' device.
+        without: names of `SOUND_CHANGES` that are left out.
+    """
+    count = len(sounds)
+    out = sounds if "decay" in without else livelier(sounds, generator)
+    if not {"codec", "decay"} <= set(without):
+        out = windowed(out, generator, without)
+    out = equalised(out, generator, without)
+    if "gain" not in without:
+        out = out * (10 ** (uniform(generator, count, -GAIN_DB, GAIN_DB) / 20))[:, None, None]
+    return out if "noise" in without else noisy(out, generator)
+
+
+def noisy(sounds: Tensor, generator: torch.Generator) -> Tensor:
+    """The noise of a microphone, under a sound or instead of digital silence; white, or falling by the octave."""
+    count = len(sounds)
+    mine = level(sounds)
+    silent = mine < 1e-6
+    below = mine * 10 ** (-uniform(generator, count, *NOISE_BELOW_DB) / 20)
+    alone = 10 ** (uniform(generator, count, *NOISE_ALONE_DB) / 20)
+    chance = uniform(generator, count)
+    amount = torch.where(silent, alone * (chance < NOISE_ALONE), below * (chance < NOISY))
+    noise = torch.randn(sounds.shape, generator=generator, device=sounds.device)
+    spectrum = torch.fft.rfft(noise)
+    fall = uniform(generator, count, 0.0, 1.0)[:, None, None]
+    frequency = _frequencies(sounds)
+    noise = torch.fft.irfft(spectrum * (frequency / 1000.0) ** -fall, sounds.shape[-1])
+    noise = noise / level(noise)[:, None, None]
+    # In half of them both ears share most of the noise, as in a small room.
+    shared = (uniform(generator, count) < 0.5)[:, None, None] * 0.7
+    noise = (1 - shared) * noise + shared * noise.mean(dim=1, keepdim=True)
+    out: Tensor = sounds + noise * amount[:, None, None]
+    return out
+
+
+def equalised(sounds: Tensor, generator: torch.Generator, without: Collection[str] = ()) -> Tensor:
+    """Sounds through a random filter without phase: another room, engine, head, microphone; times of arrival stay."""
+    frequency = _frequencies(sounds)
+    decibels = torch.zeros(len(sounds), sounds.shape[1], len(frequency), device=sounds.device)
+    together = 0.0 if "eq" in without else TOGETHER_DB
+    apart = 0.0 if "ears" in without else APART_DB
+    decibels = decibels + _curves(len(sounds), sounds.shape[1], frequency, (together, apart), generator)
+    if "eq" not in without:
+        decibels = decibels + _response(len(sounds), frequency, generator)[:, None]
+    if "band" not in without:
+        decibels = decibels + _limits(len(sounds), frequency, generator)[:, None]
+    gain = torch.exp(decibels * (math.log(10) / 20))
+    out: Tensor = torch.fft.irfft(torch.fft.rfft(sounds) * gain, sounds.shape[-1])
+    return out
+
+
+def _frequencies(sounds: Tensor) -> Tensor:
+    """(F,) Hz of the bins of a whole sound, within what the network hears."""
+    out: Tensor = torch.fft.rfftfreq(sounds.shape[-1], 1 / SAMPLE_RATE, device=sounds.device).clamp(LOWEST, HIGHEST)
+    return out
+
+
+def _curves(
+    count: int, ears: int, frequency: Tensor, spread: tuple[float, float], generator: torch.Generator
+) -> Tensor:
+    """(B, ears, F) dB, linear between random points over the logarithm of the frequency; together and apart."""
+
+    def normal(*shape: int) -> Tensor:
+        return torch.randn(shape, generator=generator, device=frequency.device)
+
+    together, apart = spread
+    points = together * normal(count, 1, EQUALISED) + apart * normal(count, ears, EQUALISED)
+    place = torch.log(frequency / LOWEST) / math.log(HIGHEST / LOWEST) * (EQUALISED - 1)
+    below = place.floor().clamp(max=EQUALISED - 2).long()
+    share = place - below
+    out: Tensor = points[..., below] * (1 - share) + points[..., below + 1] * share
+    return out
+
+
+def _response(count: int, frequency: Tensor, generator: torch.Generator) -> Tensor:
+    """(B, F) dB of some strong responses: a tilt from end to end, and notches or peaks."""
+    place = torch.log(frequency / LOWEST) / math.log(HIGHEST / LOWEST)
+    out = uniform(generator, count, -TILT_DB, TILT_DB)[:, None] * (2 * place - 1)
+    for _ in range(NOTCHES):
+        middle, width = uniform(generator, count)[:, None], uniform(generator, count, 0.02, 0.1)[:, None]
+        depth = uniform(generator, count, -NOTCH_DB, NOTCH_DB)[:, None]
+        out = out + depth * torch.exp(-0.5 * ((place - middle) / width).square())
+    return out * (uniform(generator, count) < COLOURED)[:, None]
+
+
+def _limits(count: int, frequency: Tensor, generator: torch.Generator) -> Tensor:
+    """(B, F) dB of the ends of a spectrum: the magnitude of Butterworth's filters."""
+
+    def edge(hertz: tuple[float, float]) -> Tensor:
+        low, high = hertz
+        return low * (high / low) ** uniform(generator, count)[:, None]
+
+    def order() -> Tensor:
+        return uniform(generator, count, *SLOPES)[:, None]
+
+    above = (frequency / edge(LOWPASS_HZ)).log() * 2 * order()
+    under = (edge(HIGHPASS_HZ) / frequency).log() * order()
+    out = torch.zeros_like(above)
+    for odds, share in ((above, LIMITED), (under, HIGHPASSED)):
+        chosen = (uniform(generator, count) < share)[:, None]
+        # 10·log10(1 + x), for x as large as e^80.
+        out = out - chosen * torch.nn.functional.softplus(odds) * (10 / math.log(10))
+    return out.clamp(min=-90.0)
+
+
+def livelier(sounds: Tensor, generator: torch.Generator) -> Tensor:
+    """Some sounds with a tail of decaying noise behind them, another one at each ear, as in a larger room.
+
+    A clip is a piece of something longer: what runs over its end begins it, as if it had come from before.
+    """
+    count, ears, length = sounds.shape
+    chosen = uniform(generator, count) < LIVELY
+    time = torch.arange(length, device=sounds.device) / SAMPLE_RATE
+    low, high = DECAY_S
+    decay = low * (high / low) ** uniform(generator, count)[:, None, None]
+    envelope = torch.exp(-6.91 * time / decay) * (time >= TAIL_AT)
+    tail = torch.randn(count, ears, length, generator=generator, device=sounds.device) * envelope
+    tail = tail / tail.square().sum(dim=-1, keepdim=True).sqrt().clamp(min=1e-6)
+    wet = torch.fft.irfft(torch.fft.rfft(sounds) * torch.fft.rfft(tail), length)
+    amount = 10 ** (-uniform(generator, count, *TAIL_DB) / 20) * chosen
+    out: Tensor = sounds + wet * amount[:, None, None]
+    return out
+
+
+def windowed(sounds: Tensor, generator: torch.Generator, without: Collection[str] = ()) -> Tensor:
+    """One sound in `WINDOWED` with gains that change from window to window and are the same for both ears.
+
+    A codec leaves out bins far below their surroundings, and rounds the level of those that it keeps. With less decay,
+    a bin that falls after something louder falls faster (spectral subtraction of what the past leaves).
+    """
+    count = len(sounds) // WINDOWED
+    if not count:
+        return sounds
+    rows = torch.randperm(len(sounds), generator=generator, device=sounds.device)[:count]
+    spectrum = _stft(sounds[rows])
+    power = spectrum.abs().square().mean(dim=1).clamp(min=1e-12)
+    gain = torch.ones_like(power)
+    for name, share, of in (("codec", CODED, _coded), ("decay", DRIED, _dried)):
+        if name not in without:
+            chosen = (uniform(generator, count) < share)[:, None, None]
+            gain = torch.where(chosen, gain * of(power, generator), gain)
+    out = sounds.clone()
+    out[rows] = _istft(spectrum * gain[:, None], sounds.shape)
+    return out
+
+
+def _coded(power: Tensor, generator: torch.Generator) -> Tensor:
+    around = torch.nn.functional.avg_pool2d(power[:, None], (9, 1), 1, (4, 0), count_include_pad=False)[:, 0]
+    loudest = power.amax(dim=(1, 2), keepdim=True)
+    margin = uniform(generator, len(power), *MASKED_DB)[:, None, None]
+    kept = (power > around * 10 ** (-margin / 10)) & (power > loudest * 10 ** (-(margin + 40) / 10))
+    step = uniform(generator, len(power), *STEP_DB)[:, None, None]
+    decibels = 10 * torch.log10(power)
+    return kept * 10 ** (((decibels / step).round() * step - decibels) / 20)
+
+
+def _dried(power: Tensor, generator: torch.Generator) -> Tensor:
+    hop = WINDOW // 2 / SAMPLE_RATE
+    length = max(1, round(3 * _PAST_S / hop))
+    forget = math.exp(-hop / _PAST_S)
+    kernel = forget ** torch.arange(length, 0, -1, device=power.device, dtype=power.dtype)
+    past = torch.nn.functional.pad(power.flatten(0, 1)[:, None], (length, 0))[..., :-1]
+    late = torch.nn.functional.conv1d(past, (kernel / kernel.sum())[None, None])[:, 0].view_as(power)
+    strength = uniform(generator, len(power), 0.3, 1.0)[:, None, None]
+    return (1 - strength * late / power).clamp(min=_LEAST_GAIN**2).sqrt()
+
+
+def disguised(sounds: Tensor, others: Tensor) -> Tensor:
+    """Sounds with the spectrum and the rhythm of others, as a vocoder gives: nothing known, from where it came.
+
+    Each band of each window gets the power that the other sound has there; the gain is the same for both ears, so that
+    phases and levels between them stay.
+
+    Args:
+        sounds: (B, 2, n).
+        others: (B, 2, n), whose bands are taken.
+    """
+    mine, theirs = _stft(sounds), _stft(others)
+    edges = np.unique(np.geomspace(2, WINDOW // 2 + 1, DISGUISE_BANDS + 1).round())
+    of_bin = np.searchsorted(edges[1:], np.arange(WINDOW // 2 + 1), side="right").clip(max=len(edges) - 2)
+    number = torch.from_numpy(of_bin).to(sounds.device)
+    hot = torch.nn.functional.one_hot(number, len(edges) - 1).T.float()
+    hot = hot / hot.sum(dim=1, keepdim=True)
+    bands = [hot @ each.abs().square().mean(dim=1) for each in (mine, theirs)]
+    scale = level(sounds).square() / level(others).square()
+    floor = bands[0].mean(dim=(1, 2), keepdim=True) * 1e-6 + 1e-12
+    ratio = (bands[1] * scale[:, None, None] + floor) / (bands[0] + floor)
+    gain = (10 * torch.log10(ratio)).clamp(-DISGUISE_DB, DISGUISE_DB)
+    gain = 10 ** (gain[:, number] / 20)
+    out = _istft(mine * gain[:, None], sounds.shape)
+    return out * (level(sounds) / level(out))[:, None, None]
+
+
+def _stft(sounds: Tensor) -> Tensor:
+    """(B, ears, F, T) of (B, ears, n)."""
+    window = torch.hann_window(WINDOW, device=sounds.device)
+    found = torch.stft(sounds.flatten(0, 1), WINDOW, WINDOW // 2, window=window, center=True, pad_mode="constant",
+                       return_complex=True)  # fmt: skip
+    return found.view(*sounds.shape[:2], *found.shape[1:])
+
+
+def _istft(spectrum: Tensor, shape: torch.Size) -> Tensor:
+    window = torch.hann_window(WINDOW, device=spectrum.device)
+    found = torch.istft(spectrum.flatten(0, 1), WINDOW, WINDOW // 2, window=window, center=True, length=shape[-1])
+    return found.view(*spectrum.shape[:2], shape[-1])

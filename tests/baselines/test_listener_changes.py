@@ -1,0 +1,152 @@
+"""Random changes of sounds and pictures, sounds without a name, and the calibration."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+torch = pytest.importorskip("torch", reason="PyTorch is not installed")
+
+from avs3d_bench.contract.taxonomy import CATEGORIES  # noqa: E402
+from baselines.listener import augment, direction, features, losses, picture_changes, sound_changes  # noqa: E402
+from baselines.listener.batches import UNKNOWN, SoundKind  # noqa: E402
+from baselines.listener.calibration import OddsHistogram  # noqa: E402
+from baselines.listener.cli import _CHANGES  # noqa: E402
+from baselines.listener.model import Listener, match_map  # noqa: E402
+from baselines.listener.weights import Calibration, read_weights, save_weights  # noqa: E402
+from tests.support.tiny_listener import SMALL  # noqa: E402
+
+GRID = torch.rad2deg(direction.angle_grid())
+
+
+def bursts(angle: float, seed: int = 0, count: int = 44_100) -> Any:
+    """(2, n) bursts of noise from a lateral angle (degrees), by the delay of a sphere."""
+    noise = torch.randn(count, generator=torch.Generator().manual_seed(seed)) * 0.1
+    noise *= (torch.arange(count) // 3000) % 2 == 0
+    delay = direction.woodworth_delay(torch.tensor(math.radians(angle)))
+    turn = torch.exp(-2j * math.pi * torch.fft.rfftfreq(count, 1 / 44_100) * delay)
+    return torch.stack([torch.fft.irfft(torch.fft.rfft(noise) * turn, count), noise])
+
+
+def heard_at(sounds: Any) -> Any:
+    """Degrees with most votes."""
+    response = direction.steered_response(features.spectra(sounds))
+    return GRID[response[:, direction.VOTES].argmax(dim=1)]
+
+
+def test_no_change_moves_a_sound() -> None:
+    sounds = torch.stack([bursts(angle, seed) for seed, angle in enumerate((-45, -20, 0, 20, 45, 60))])
+    before = heard_at(sounds)
+    for seed in range(3):
+        after = heard_at(sound_changes.changed_sounds(sounds, torch.Generator().manual_seed(seed)))
+        assert (after - before).abs().max() <= 9
+    disguise = sound_changes.disguised(sounds, sounds.roll(1, 0))
+    assert (heard_at(disguise) - before).abs().max() <= 9
+
+
+@pytest.mark.parametrize("name", sound_changes.SOUND_CHANGES)
+def test_each_change_of_sounds_can_be_left_out_and_depends_on_the_seed_alone(name: str) -> None:
+    sounds = torch.stack([bursts(30, seed, 8192) for seed in range(6)])
+    others = set(sound_changes.SOUND_CHANGES) - {name}
+    alone = [sound_changes.changed_sounds(sounds, torch.Generator().manual_seed(s), others) for s in (0, 0, 1)]
+    assert torch.equal(alone[0], alone[1])
+    assert not torch.allclose(alone[0], alone[2])
+    nothing = sound_changes.changed_sounds(sounds, torch.Generator().manual_seed(0), sound_changes.SOUND_CHANGES)
+    torch.testing.assert_close(nothing, sounds, atol=1e-5, rtol=0)
+
+
+@pytest.mark.parametrize("name", picture_changes.PICTURE_CHANGES)
+def test_each_change_of_pictures_can_be_left_out(name: str) -> None:
+    pictures = torch.rand(8, 3, 20, 20, generator=torch.Generator().manual_seed(0))
+    others = set(picture_changes.PICTURE_CHANGES) - {name}
+    changed = picture_changes.changed_pictures(pictures, torch.Generator().manual_seed(0), others)
+    assert changed.shape == pictures.shape
+    assert 0.003 < (changed - pictures).abs().mean() < 0.3
+    every = picture_changes.PICTURE_CHANGES
+    assert torch.equal(picture_changes.changed_pictures(pictures, torch.Generator().manual_seed(0), every), pictures)
+
+
+def test_the_command_names_all_changes() -> None:
+    assert set(_CHANGES) == set(augment.CHANGES)
+
+
+def test_the_end_of_a_spectrum_lies_between_3_and_20_kilohertz() -> None:
+    sounds = torch.zeros(40, 2, 44_100)
+    sounds[:, :, 100] = 1.0
+    only = set(sound_changes.SOUND_CHANGES) - {"band"}
+    found = torch.fft.rfft(sound_changes.changed_sounds(sounds, torch.Generator().manual_seed(0), only)).abs()
+    power = found[:, 0].square()
+    assert (power[:, 600:2500].mean(dim=1) > 0.3).all()  # what lies between is kept
+    ended = power[:, 21_000] < 0.1
+    assert 0.2 < ended.float().mean() < 0.8
+
+
+def test_a_disguise_takes_the_rhythm_of_the_other_sound() -> None:
+    steady = torch.randn(1, 2, 44_100, generator=torch.Generator().manual_seed(0)) * 0.1
+    found = sound_changes.disguised(steady, bursts(0)[None])
+    loud = found[0, 0].square().view(-1, 2100).mean(dim=1)[:20]
+    on = (torch.arange(20) * 2100 + 1050) // 3000 % 2 == 0
+    assert loud[on].mean() > 5 * loud[~on].mean()
+
+
+def test_a_disguised_sound_keeps_its_mask_and_loses_its_name() -> None:
+    sounds = torch.stack([bursts(30, seed, 8192) for seed in range(8)])
+    kinds = torch.tensor([SoundKind.OWN, SoundKind.FOREIGN] * 4)
+    audible = torch.zeros(8, len(CATEGORIES) + 1)
+    audible[:, 2] = 1
+    batch = augment.Batch(
+        torch.zeros(2, 3, 8, 8), torch.zeros(2, 8, 8, dtype=torch.int64), torch.ones(2, 4), sounds,
+        torch.ones(8, 8, 8, dtype=torch.bool), audible, torch.ones(8, dtype=torch.bool), kinds,
+    )  # fmt: skip
+    seen = 0
+    for seed in range(10):
+        found = augment.hidden(batch, torch.Generator().manual_seed(seed))
+        changed = (found.sounds != sounds).flatten(1).any(dim=1)
+        seen += int(changed.sum())
+        assert (found.named == ~changed).all()
+        assert (found.audible[:, UNKNOWN] == changed).all()
+        assert not changed[kinds == SoundKind.FOREIGN].any()
+        assert torch.equal(found.masks, batch.masks)
+    assert seen
+
+
+def test_names_that_are_not_known_cost_nothing() -> None:
+    audible = torch.zeros(2, len(CATEGORIES) + 1)
+    none, named = torch.zeros(0), torch.tensor([True, False])
+    batch = augment.Batch(none, none, none, none, none, audible, named, torch.zeros(2))
+    one, other = torch.zeros(2, len(CATEGORIES) + 1), torch.zeros(2, len(CATEGORIES) + 1)
+    other[1, :UNKNOWN] = 5.0
+    assert losses.audible_loss(one, batch) == losses.audible_loss(other, batch)
+    other[1, UNKNOWN] = 5.0
+    assert losses.audible_loss(one, batch) < losses.audible_loss(other, batch)
+
+
+def test_what_has_no_name_may_be_any_object() -> None:
+    classes = torch.full((1, 1 + len(CATEGORIES), 1, 2), -20.0)
+    classes[0, 3, 0, 0] = classes[0, 0, 0, 1] = 20.0  # an object, and nothing
+    audible = torch.full((2, len(CATEGORIES) + 1), -20.0)
+    audible[1, UNKNOWN] = 20.0
+    found = match_map(classes, audible)[:, 0, 0]
+    torch.testing.assert_close(found, torch.tensor([[0.0, 0.0], [1.0, 0.0]]), atol=1e-4, rtol=0)
+
+
+def test_a_temperature_makes_sure_probabilities_true() -> None:
+    odds = torch.randn(50_000, generator=torch.Generator().manual_seed(0)) * 2
+    truth = (torch.rand(50_000, generator=torch.Generator().manual_seed(1)) < odds.sigmoid()).float()
+    counted = OddsHistogram.empty("cpu")
+    counted.add(3 * odds, truth)
+    assert counted.temperature() == pytest.approx(3, rel=0.05)
+    assert counted.error(3.0) < 0.02 < 0.1 < counted.error()
+
+
+def test_weights_keep_their_calibration_and_older_ones_have_none(tmp_path: Path) -> None:
+    said = Calibration(1.7, 2.5, 0.4, 0.3)
+    save_weights(Listener(replace(SMALL, unknown=True)), tmp_path / "new.safetensors", said)
+    found = read_weights(tmp_path / "new.safetensors")
+    assert (found.calibration, found.network.widths.unknown) == (said, True)
+    packaged = read_weights()
+    assert packaged.calibration is None or packaged.calibration.checked()
