@@ -63,6 +63,7 @@ SUMMARIES = {
     "verify": "Score a submission again and compare with a file of scores.",
     "leaderboard": "Rank files of scores on one static page.",
     "tables": "Turn files of scores into the paper's tables.",
+    "qa-score": "Score answers to questions about sound.",
     "sweep-curve": "Draw scores against a parameter of a sweep.",
     "metrics": "Score folders of PNG masks by the convention of a benchmark.",
     "baseline": "Run a baseline on a dataset and write its submission.",

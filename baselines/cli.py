@@ -25,6 +25,8 @@ _RATE = click.FloatRange(0.0, 1.0)
 #: `baselines.sound_control.SOUND_CONTROLS`, without the time that its import takes.
 _SOUND_CONTROLS = ("own", "none", "swapped-ears", "both-ears-mean", "same-category", "other-category")
 _SOUND_HELP = "What it hears in place of the frame's own sound, to see what it takes from the sound."
+#: Of a file of answers.
+_ANSWERS = Signature(start=b'{"id":"q', marks=(b'","answer":"',))
 _F = TypeVar("_F", bound=Callable[..., Any])
 #: Options of `load_owod_bind`; the last one is shown first.
 _NETWORKS: dict[str, Callable[[Any], Any]] = {
@@ -471,6 +473,24 @@ def echosegnet(
             _done(writer)
     else:
         _done(write_echosegnet(Dataset(root), path, source, settings, **shared))
+
+
+@baseline.command(short_help="Answers to the questions of `avs3d export qa`, by ear.")
+@click.option("--questions", type=PATH, metavar="DIR", required=True, help="What `avs3d export qa` wrote.")
+@click.option("-o", "--output", type=OutputFile(_ANSWERS), metavar="FILE", required=True, help="Answers, JSON lines.")
+@click.option(
+    "--solver", type=click.Choice(["spatial", "blind", "deaf"]), default="spatial", show_default=True,
+    help="Ears that know where marked objects are, the same without eyes, or eyes without ears.",
+)  # fmt: skip
+def questions(questions: Path, output: Path, solver: str) -> None:
+    """Answer questions about what is heard from interaural delay and coherence. No model is asked.
+
+    `avs3d qa-score` scores the answers. The same questions give the same bytes.
+    """
+    from baselines.questions import write_answers
+
+    count = write_answers(solver, questions, output, progress=sys.stderr.isatty())
+    click.echo(f"{output}: {count:,} answers of {solver}")
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from typing import Any
 
 import click
 
+from avs3d_bench.contract.questions import KindScore, QaScores
 from avs3d_bench.contract.scores import PAIR_KINDS, GroupScores, Scores
 from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.errors import Avs3dError
@@ -132,6 +133,22 @@ class Results:
         document = self.json("listen-references")
         rows = [[row, *(share(document["references"][row][name]) for name in names)] for row in REFERENCES]
         return f"{text(['row', *names], rows)}\n\n{scored_text(document)}"
+
+    def qa(self) -> str:
+        """Answers to questions without a language model."""
+        rows = {name: read_record(self.folder / f"qa-{name}.json", QaScores) for name in ("spatial", "blind", "deaf")}
+        first = rows["spatial"]
+        found: dict[str, dict[str, KindScore]] = {
+            **{kind: {name: row.kinds[kind] for name, row in rows.items()} for kind in first.kinds},
+            "all": {name: row.overall for name, row in rows.items()},
+        }
+        lines = [
+            [kind, str(by["spatial"].lines), share(by["spatial"].chance),
+             *(f"{share(one.accuracy)} / {share(one.pair_accuracy)}" for one in by.values())]
+            for kind, by in found.items()
+        ]  # fmt: skip
+        source = f"Accuracy / pair accuracy on {first.overall.groups} groups of `{first.questions.dataset}` "
+        return f"{text(['kind', 'lines', 'chance', *rows], lines)}\n\n{source}{first.questions.dataset_version}."
 
     def separability(self) -> str:
         """Seconds and takes that recognisers assign to the right category."""
@@ -382,6 +399,7 @@ def blocks(docs: Path) -> dict[str, list[tuple[str, Callable[[], str]]]]:
         "docs/generator.md": [("speed", lambda: speed(docs / "bench.json"))],
         "docs/listener-training.md": [("curve", own.curve)],
         "docs/official.md": [("table 2", own.paper_methods), ("table 3", own.paper_thresholds)],
+        "docs/export-qa.md": [("qa", own.qa)],
         "docs/protocol-listen.md": [("guesses", own.guesses), ("references", own.references)],
         "docs/receivers.md": [("near sources", near_sources)],
         "docs/results.md": [

@@ -136,7 +136,7 @@ HOUSE = {
         "validation": "errors geometry runtime contract formats dataset measures commands sealing",
         "validate": "commands validation",
         "scheduling": "errors runtime contract formats commands",
-        "exports": "errors runtime contract formats dataset measures commands sealing",
+        "exports": "errors geometry runtime contract formats dataset measures commands sealing",
         "inspector": "errors geometry text runtime contract formats dataset submission measures commands",
         "cli": "errors text runtime formats dataset commands validation validate exports inspector",
         "__main__": "cli",
@@ -180,6 +180,7 @@ HOUSE = {
         "reporting": "metrics reading statistics protocols summary",
         "verify": "reading score reporting",
         "competition": "reading score",
+        "questions": "statistics",
         "cli": "reading statistics score reporting verify",
     },
     "baselines": {
@@ -197,8 +198,10 @@ HOUSE = {
         "direction_alone": "listener echosegnet networks sound_control",
         "references": "oracle echosegnet",
         "reference_scores": "",
+        "questions": "echosegnet references",
+        "questions_inspect": "questions",
         "cli": "oracle_errors oracle deaf trivial owod_bind denseav listener echosegnet direction_alone references "
-        "reference_scores",
+        "reference_scores questions",
     },
 }
 #: Folders of avs3d_bench that use each other: none.

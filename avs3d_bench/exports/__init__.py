@@ -7,6 +7,7 @@
 | `shard_paths`      | the tars of a folder, by split                                  | nothing              |
 | `decode_sample`    | what WebDataset yields, as arrays                               | nothing              |
 | `write_huggingface`| Parquet files and a card for `datasets.load_dataset`            | pyarrow, datasets    |
+| `write_qa`         | questions about what is heard, with exact answers               | nothing              |
 | `waveform`         | an undecoded audio value of `datasets`, as samples              | nothing              |
 | `write_croissant`  | a Croissant description                                         | nothing              |
 | `write_card`       | a dataset card                                                  | nothing              |

@@ -4,6 +4,8 @@ from .codabench import write_codabench as write_codabench
 from .croissant import write_croissant as write_croissant
 from .huggingface import waveform as waveform
 from .huggingface import write_huggingface as write_huggingface
+from .qa.write import QaOptions as QaOptions
+from .qa.write import write_qa as write_qa
 from .release.get import find_release as find_release
 from .release.get import get_release as get_release
 from .release.write import ReleaseSettings as ReleaseSettings

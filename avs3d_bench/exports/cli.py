@@ -13,6 +13,7 @@ import click
 from avs3d_bench import __version__
 from avs3d_bench.commands.click_options import PATH, WORKERS, Group, only_option
 from avs3d_bench.commands.outputs import OUTPUT_FOLDER, OutputFile
+from avs3d_bench.contract.questions import QUESTION_KINDS
 from avs3d_bench.exports.acoustics import RECEIVERS
 from avs3d_bench.exports.samples import EXTRA_KINDS, SPLIT_CHOICES
 from avs3d_bench.exports.shards import ShardIndex
@@ -168,6 +169,40 @@ def acoustics(source: Path, folder: Path, **options: Any) -> None:
     click.echo(str(folder))
 
 
+@export.command(short_help="Questions about what is heard, with exact answers.")
+@_ROOT
+@click.option("-o", "--output", "folder", type=OUTPUT_FOLDER, metavar="DIR", required=True, help="The folder.")
+@click.option(
+    "--split", type=click.Choice(SPLIT_CHOICES), default="test", show_default=True, help="Frames asked about."
+)
+@click.option(
+    "--kind", "kinds", type=click.Choice(QUESTION_KINDS), multiple=True, help="Of questions; repeatable [all]."
+)
+@click.option(
+    "--per-group", type=click.IntRange(1), default=4, show_default=True, help="Questions of a kind in a group."
+)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all choices.")
+@only_option
+def qa(root: Path, folder: Path, **options: Any) -> None:
+    """Write questions about the groups of part_3 of the dataset at ROOT, as JSON lines with pictures and clips.
+
+    Every question is asked under several sounds, and each of its options is right under one of them: no answer that
+    ignores the sound is right more often than chance. The same data and options give the same bytes.
+    """
+    from avs3d_bench.exports.qa.write import QaOptions, write_qa
+
+    written = write_qa(root, folder, QaOptions(**options), progress=sys.stderr.isatty())
+    for kind, counts in written.kinds.items():
+        click.echo(
+            f"{kind}: {counts.lines:,} lines in {counts.sets:,} sets of {counts.groups} groups, chance "
+            f"{counts.chance:.3f}, best answer without sound {counts.chance + counts.prior_excess:.3f}"
+        )
+    for kind in options["kinds"] or QUESTION_KINDS:
+        if kind not in written.kinds:
+            click.echo(f"{kind}: nothing to ask: no group has siblings that differ in it")
+    click.echo(str(folder))
+
+
 @export.command(short_help="A competition bundle for Codabench.")
 @click.argument("public", type=PATH)
 @click.argument("private", type=PATH)
@@ -194,8 +229,17 @@ def acoustics(source: Path, folder: Path, **options: Any) -> None:
 @click.option("--max-submissions", type=click.IntRange(1), default=100, show_default=True, help="In the last phase.")
 @click.option("--image", type=PATH, default=None, metavar="FILE", help="Picture of the competition [one is drawn].")
 @click.option("--terms", type=PATH, default=None, metavar="FILE", help="Terms, Markdown [a general text].")
+@click.option("--approval", is_flag=True, help="Admit each participant by hand; without it, all who register.")
+@click.option("--practice", type=PATH, default=None, metavar="ROOT", help="A dataset with its truth, for the kit.")
+@click.option("--install", default=None, metavar="COMMAND", help="How participants install this [pip, this version].")
 def codabench(
-    public: Path, private: Path, output: Path, title: str | None, start: datetime | None, **options: Any
+    public: Path,
+    private: Path,
+    output: Path,
+    title: str | None,
+    start: datetime | None,
+    install: str | None,
+    **options: Any,
 ) -> None:
     """Write a competition for Codabench: participants get PUBLIC, the platform scores with the truth in PRIVATE.
 
@@ -206,6 +250,8 @@ def codabench(
     from avs3d_bench.exports.codabench import CompetitionSettings, write_codabench
 
     today = datetime.now(UTC).replace(hour=0, minute=0, second=0, microsecond=0, tzinfo=None)
+    if install is not None:
+        options["install"] = install
     settings = CompetitionSettings(title=title or Dataset(public).name, start=start or today, **options)
     written = write_codabench(public, private, output, settings)
     for phase in written.phases:

@@ -10,6 +10,15 @@ from avs3d_bench.commands.outputs import Signature, write_outputs
 from avs3d_bench.contract import layout
 from avs3d_bench.contract.comparisons import Comparison
 from avs3d_bench.contract.frame_rows import FrameRow
+from avs3d_bench.contract.questions import (
+    QA_JSON,
+    SCENES_JSON,
+    AnswerLine,
+    QaScores,
+    QuestionLine,
+    QuestionsRecord,
+    ScenesRecord,
+)
 from avs3d_bench.contract.schema import (
     CameraSplits,
     DatasetRecord,
@@ -40,6 +49,11 @@ RECORDS: dict[str, type[Record]] = {
     ACOUSTICS_JSON: ResponsesRecord,  # `avs3d export acoustics`
     layout.POSES_JSON: PosesRecord,
     layout.SEAL_JSON: SealRecord,
+    QA_JSON: QuestionsRecord,
+    SCENES_JSON: ScenesRecord,
+    "question.json": QuestionLine,  # a line of questions.jsonl
+    "answer.json": AnswerLine,  # a line of what `avs3d qa-score` reads
+    "qa_scores.json": QaScores,  # `avs3d qa-score --json`
 }
 
 

@@ -19,8 +19,10 @@ import pytest
 from avs3d_bench.cli import avs3d, main
 from avs3d_bench.commands.outputs import NamedPath, OutputFile, OutputPath
 from avs3d_bench.dataset import Dataset
+from avs3d_bench.exports.qa.write import QaOptions, write_qa
 from avs3d_bench.exports.release.write import write_release
 from avs3d_bench.exports.webdataset import write_webdataset
+from baselines.questions import write_answers
 from baselines.trivial import write_trivial
 from evaluators import cli as evaluator
 from tests.evaluators.test_score import submit, true_mask
@@ -90,6 +92,7 @@ OUTPUTS = {
     ),
     ("export croissant", "output"): Case("export croissant data -o OUT", beside="data"),
     ("export card", "output"): Case("export card data -o OUT", suffix=".md"),
+    ("export qa", "folder"): Case("export qa scenes -o OUT"),
     ("export codabench", "output"): Case("export codabench seal/public seal/private -o OUT", suffix=".zip"),
     ("release", "folder"): Case("release data -o OUT --workers 1"),
     ("get", "folder"): Case("get tiny --from archives -o OUT", reruns=False),
@@ -126,6 +129,8 @@ OUTPUTS = {
     ),
     ("baseline owod-bind", "path"): Case(f"baseline owod-bind {_BASELINE}", takes=("submission.json",), alone=True),
     ("baseline denseav", "path"): Case(f"baseline denseav {_BASELINE}", takes=("submission.json",), alone=True),
+    ("baseline questions", "output"): Case("baseline questions --questions asked -o OUT", suffix=".jsonl"),
+    ("qa-score", "json_file"): Case("qa-score answers.jsonl --questions asked --json OUT"),
     ("baseline echosegnet", "path"): Case(
         f"baseline echosegnet {_BASELINE} --masks oracle --device cpu --iterations 1", takes=("submission.json",),
         reruns=False, alone=True,
@@ -142,6 +147,7 @@ INPUTS = {
     "truth", "score_file", "scores", "tables", "public", "private", "image", "terms", "exclude", "secret_file", "files",
     "array", "lock", "path", "data", "weights", "listener_weights", "checkpoint", "boxes_checkpoint", "sam_checkpoint",
     "similarity_checkpoint", "folder", "verified", "index", "file", "splats", "source",
+    "questions", "answers", "practice",
 }  # fmt: skip
 
 
@@ -180,6 +186,8 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     data = tiny.write_dataset(place / "data", frames=9, size=48)
     submit(place / "sub", data, true_mask)
     tiny_scenes.write_part_3(place / "scenes", frames=9, size=48)
+    write_qa(place / "scenes", place / "asked", QaOptions(kinds=("side",), per_group=1))
+    write_answers("deaf", place / "asked", place / "answers.jsonl")
     write_trivial("all-black", Dataset(data), place / "black")
     for name in ("sub", "black"):
         words = [place / name, "--dataset", data, "--workers", 1, "--json", place / f"{name}.json"]
