@@ -147,7 +147,8 @@ INPUTS = {
     "truth", "score_file", "scores", "tables", "public", "private", "image", "terms", "exclude", "secret_file", "files",
     "array", "lock", "path", "data", "weights", "listener_weights", "checkpoint", "boxes_checkpoint", "sam_checkpoint",
     "similarity_checkpoint", "folder", "verified", "index", "file", "splats", "source",
-    "questions", "answers", "practice",
+    "questions", "answers", "practice", "clap_checkpoint", "sam3_checkpoint", "grounding_dino_checkpoint",
+    "sam2_checkpoint",
 }  # fmt: skip
 
 
