@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import dct
+from scipy.fft import dct, rfft
 from scipy.signal import butter, fftconvolve, sosfilt
 from scipy.signal.windows import blackmanharris
 
@@ -202,7 +202,7 @@ def _modulation(course: Array) -> Array:
 def _lines(clips: Array) -> Array:
     """(n, 46) per third of an octave: level of the highest line (dB re the median) and share of bins 14 dB above it."""
     window = blackmanharris(clips.shape[1]).astype(np.float32)
-    power = np.abs(np.fft.rfft(clips.astype(np.float32) * window, axis=1)) ** 2
+    power = np.abs(rfft(clips.astype(np.float32) * window, axis=1)) ** 2
     frequencies = np.fft.rfftfreq(clips.shape[1], 1 / SAMPLE_RATE)
     highest, share = [], []
     for low, high in pairwise(np.geomspace(45.0, 9000.0, 24)):

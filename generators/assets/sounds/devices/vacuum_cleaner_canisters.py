@@ -80,7 +80,7 @@ def straight_through(count: int, rng: Generator) -> Array:
     take = work(count, rng, Habit(rise=(0.5, 1.0), fall=(1.2, 2.6), strokes=(0.3, 0.7), seal=(15.0, 60.0)))
     shaft = rng.uniform(150.0, 235.0) * take.speed
     stages = int(rng.integers(6, 10))
-    motor = universal_motor(count, rng, shaft, stages, rng.uniform(0.4, 1.0), rng.uniform(-3.0, 5.0))
+    motor = universal_motor(count, rng, shaft, stages, rng.uniform(0.4, 1.0), rng.uniform(-9.0, -1.0))
     second = rotor(turns_of(shaft, count, rng.random()), {stages + 1: 1.0, 2 * stages + 2: 0.4}, rng, 250.0, 0.25, 0.12)
     corner = rng.uniform(900.0, 2200.0)
     bag = slopes([(0.5 * corner, 0.0), (corner, -3.0), (4.0 * corner, rng.uniform(-22.0, -13.0))])
