@@ -9,8 +9,8 @@ which the answers are averaged. A benchmark whose sounds a fingerprint solves wo
 whose sounds say nothing of real ones would be at chance, 14 %, on recordings. A third recogniser has nothing but the
 mean spectrum from 10 to 20 kHz. The nearest neighbour's training seconds pass the same filter as those that are asked
 about; the network is trained once, on spectra that end at random frequencies. It is also asked about each training
-voice after training on the others, which says how much of a miss is the distance between any two voices. Rows of
-FILE.json that a run does not make are kept.
+voice after training on the others, which says how much of a miss is the distance between any two voices. FILE.json
+holds one run, so that all its rows have one size.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from scipy.signal.windows import blackmanharris
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
 from avs3d_bench.contract.taxonomy import CATEGORIES
-from avs3d_bench.formats.files import read_json, write_json
+from avs3d_bench.formats.files import write_json
 from avs3d_bench.runtime.parallel import process_each
 from benchmarks.voices import recordings
 from generators.assets.sounds import synthesise, voices
@@ -52,6 +52,8 @@ MELS, HOP, WINDOW = 64, 441, 2048
 MODULATED, MODULATION_BINS = 8, (1, 2, 3, 5, 9, 17, 33, 48)
 #: Bands of the coarse spectrum, coefficients of cosine transforms over the bands, longest lag (hops).
 COARSE, CEPSTRUM, LAGS = 16, 12, 58
+#: What lies further below the loudest (powers of ten) counts as silence: some recordings are gated to nothing.
+DEPTH = 6.0
 #: Neighbours that are asked.
 NEIGHBOURS = 15
 #: Added to the modulation before its logarithm is taken: what steady noise has.
@@ -177,6 +179,7 @@ def _chunks(clips: Array) -> list[Array]:
 
 
 def _of_spectrogram(mel: Array) -> Array:
+    mel = np.maximum(mel, mel.max(axis=(1, 2), keepdims=True) - DEPTH)
     mean = mel.reshape(len(mel), COARSE, -1, mel.shape[2]).mean(axis=(2, 3))
     spread = dct(mel.std(axis=2), axis=1, norm="ortho")[:, :CEPSTRUM]
     change = dct(np.abs(np.diff(mel, axis=2)).mean(axis=2), axis=1, norm="ortho")[:, :CEPSTRUM]
@@ -238,7 +241,7 @@ def nearest(known: Array, labels: NDArray[np.int64], asked: Array) -> Array:
 
 
 class _Network:
-    """Four convolutions on log-mel spectrograms with frames of 20 ms, trained with changed spectra, on a GPU if any.
+    """Four convolutions on log-mel spectrograms, trained with changed spectra, on a GPU where there is one.
 
     Args:
         train: seconds and labels.
@@ -246,19 +249,19 @@ class _Network:
         seed: of weights and changes.
     """
 
-    def __init__(self, train: Clips, *, epochs: int = 15, seed: int = 0) -> None:
+    def __init__(self, train: Clips, *, epochs: int = 25, seed: int = 0) -> None:
         import torch
         from torch import nn
 
         torch.manual_seed(seed)
         self._device = "cuda" if torch.cuda.is_available() else "cpu"
-        mel = self._spectrograms(train.samples)
+        mel = log_mel(train.samples)
         self._mean, self._deviation = mel.mean(), mel.std()
         data, labels = self._tensor(mel), torch.from_numpy(train.labels).to(self._device)
         layers: list[Any] = []
-        for before, after in ((1, 16), (16, 32), (32, 64), (64, 64)):
+        for before, after in ((1, 32), (32, 64), (64, 128), (128, 128)):
             layers += [nn.Conv2d(before, after, 3, padding=1), nn.BatchNorm2d(after), nn.ReLU(), nn.MaxPool2d(2)]
-        layers += [nn.AdaptiveAvgPool2d(1), nn.Flatten(), nn.Dropout(0.3), nn.Linear(64, len(CATEGORIES))]
+        layers += [nn.AdaptiveAvgPool2d(1), nn.Flatten(), nn.Dropout(0.4), nn.Linear(128, len(CATEGORIES))]
         self._model = nn.Sequential(*layers).to(self._device)
         optimiser = torch.optim.AdamW(self._model.parameters(), 2e-3, weight_decay=2e-2)
         steps = epochs * (-(-len(data) // _BATCH))
@@ -287,21 +290,12 @@ class _Network:
 
         return torch.from_numpy((mel - self._mean) / self._deviation)[:, None].to(self._device)
 
-    @staticmethod
-    def _spectrograms(clips: Array) -> NDArray[np.float32]:
-        """(n, MELS, frames) log-mel power, means of two hops: half the cost on a CPU."""
-        mel = np.concatenate([log_mel(part) for part in _chunks(clips)])
-        pairs = mel.shape[2] // 2
-        return np.asarray(mel[:, :, : 2 * pairs].reshape(len(mel), MELS, pairs, 2).mean(axis=3))
-
     def probabilities(self, clips: Array) -> Array:
         """(n, categories) of clips (n, 44100)."""
         import torch
 
         with torch.no_grad():
-            parts = [
-                self._model(part).softmax(dim=1) for part in torch.split(self._tensor(self._spectrograms(clips)), 256)
-            ]
+            parts = [self._model(part).softmax(dim=1) for part in torch.split(self._tensor(log_mel(clips)), 256)]
         return np.asarray(torch.cat(parts).cpu().numpy(), dtype=np.float64)
 
 
@@ -465,8 +459,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     }
     sets["recordings"] = of_recordings(options.recordings, 3)
     report = measure(train, sets, cnn=options.cnn)
-    before = read_json(options.output) if options.output.exists() else {}
-    write_json(options.output, before | report)
+    write_json(options.output, report)
     for name, sets in report.items():
         for which, changes in sets.items():
             shares = ", ".join(f"{change} {v['seconds']:.2f} ({v['takes']:.2f})" for change, v in changes.items())
