@@ -156,8 +156,9 @@ class Results:
         return text(head, separability.shares_table(self.json("separability")))
 
     def confusions(self) -> str:
-        """What the network takes the test voices for."""
-        found = self.json("separability")["network"]["test"]["whole"]
+        """What the network, or the nearest neighbour where none was trained, takes the test voices for."""
+        report = self.json("separability")
+        found = report.get("network", report["nearest neighbour"])["test"]["whole"]
         return text(["sounds \\ taken for", *CATEGORIES], separability.confusions_table(found))
 
     def listener_sounds(self) -> str:
