@@ -136,7 +136,7 @@ HOUSE = {
         "validation": "errors geometry runtime contract formats dataset measures commands sealing",
         "validate": "commands validation",
         "scheduling": "errors runtime contract formats commands",
-        "exports": "errors runtime contract formats dataset measures commands sealing",
+        "exports": "errors geometry runtime contract formats dataset measures commands sealing",
         "inspector": "errors geometry text runtime contract formats dataset submission measures commands",
         "cli": "errors text runtime formats dataset commands validation validate exports inspector",
         "__main__": "cli",

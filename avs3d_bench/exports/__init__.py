@@ -8,6 +8,8 @@
 | `decode_sample`    | what WebDataset yields, as arrays                               | nothing              |
 | `write_huggingface`| Parquet files and a card for `datasets.load_dataset`            | pyarrow, datasets    |
 | `waveform`         | an undecoded audio value of `datasets`, as samples              | nothing              |
+| `write_seld`       | sound event localisation and detection: the layouts of DCASE    | av for films         |
+| `SeldSettings`     | what `write_seld` writes, and how                               | nothing              |
 | `write_croissant`  | a Croissant description                                         | nothing              |
 | `write_card`       | a dataset card                                                  | nothing              |
 """

@@ -4,6 +4,8 @@ from .codabench import write_codabench as write_codabench
 from .croissant import write_croissant as write_croissant
 from .huggingface import waveform as waveform
 from .huggingface import write_huggingface as write_huggingface
+from .seld.write import SeldSettings as SeldSettings
+from .seld.write import write_seld as write_seld
 from .shard_files import shard_paths as shard_paths
 from .torch_dataset import AVS3DDataset as AVS3DDataset
 from .webdataset import decode_sample as decode_sample

@@ -20,6 +20,7 @@ from avs3d_bench.contract.schema import (
     SubmissionRecord,
 )
 from avs3d_bench.contract.scores import Scores, VerificationRecord
+from avs3d_bench.exports.seld.write import SELD_JSON, SeldIndex
 from avs3d_bench.exports.shards import ShardIndex
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -34,6 +35,7 @@ RECORDS: dict[str, type[Record]] = {
     "verification.json": VerificationRecord,  # `avs3d verify --json`
     "frame_row.json": FrameRow,  # a row of the table that `avs3d-eval --frames` writes
     layout.SHARDS_JSON: ShardIndex,
+    SELD_JSON: SeldIndex,
     layout.POSES_JSON: PosesRecord,
     layout.SEAL_JSON: SealRecord,
 }
