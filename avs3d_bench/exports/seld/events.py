@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from avs3d_bench.contract.schema import FrameRecord, ObservationRecord, SourceRecord
 from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import UsageError
-from avs3d_bench.geometry import Pose
+from avs3d_bench.geometry import Pose, ambisonic_axes
 
 Array = NDArray[np.float64]
 
@@ -97,11 +97,6 @@ class TurningHead:
         return np.asarray((turned @ start).T @ start)
 
 
-def to_ambix(vectors: Array) -> Array:
-    """Vectors (..., 3) of the head, x right, y up, z back, in the axes of AmbiX: x forward, y left, z up."""
-    return np.stack([-vectors[..., 2], -vectors[..., 0], vectors[..., 1]], axis=-1)
-
-
 def event_classes(own: Sequence[str], categories: Sequence[str]) -> dict[str, int]:
     """Category → class index, from 0: the seven of the benchmark, then those that the dataset adds.
 
@@ -169,7 +164,7 @@ def events_of(record: ObservationRecord, classes: dict[str, int], head: TurningH
                     continue
                 vector = frame.pose.to_camera(_position(record, source, second, share))
                 distance = float(np.linalg.norm(vector))
-                x, y, z = (float(c) for c in to_ambix(turned @ (vector / max(distance, 1e-9))))
+                x, y, z = (float(c) for c in ambisonic_axes(turned @ (vector / max(distance, 1e-9))))
                 events.append(
                     SeldEvent(second * LABELS_PER_SECOND + part, classes[source.category], number, (x, y, z), distance)
                 )

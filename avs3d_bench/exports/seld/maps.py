@@ -18,13 +18,13 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln, lpmv
 
 from avs3d_bench.contract import layout
 from avs3d_bench.dataset import Observation
-from avs3d_bench.exports.seld.events import LABELS_PER_SECOND, TurningHead, to_ambix
+from avs3d_bench.exports.seld.events import LABELS_PER_SECOND, TurningHead
 from avs3d_bench.exports.seld.sound import check_ambisonics, read_second
 from avs3d_bench.formats.files import write_bytes
+from avs3d_bench.geometry import ambisonic_axes, spherical_harmonics
 
 Array = NDArray[np.float64]
 
@@ -46,24 +46,10 @@ def _directions() -> Array:
     return np.stack([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)], axis=-1).reshape(-1, 3)
 
 
-def harmonics(directions: Array, order: int) -> Array:
-    """(n, (order + 1)²) real spherical harmonics, ACN and SN3D, of unit vectors (n, 3) forward, left, up."""
-    azimuth, sine = np.arctan2(directions[:, 1], directions[:, 0]), directions[:, 2]
-    columns = []
-    for degree in range(order + 1):
-        for m in range(-degree, degree + 1):
-            k = abs(m)
-            # lpmv has the Condon–Shortley phase, which SN3D does not.
-            scale = (-1) ** k * np.sqrt((2 - (k == 0)) * np.exp(gammaln(degree - k + 1) - gammaln(degree + k + 1)))
-            turn = np.sin(k * azimuth) if m < 0 else np.cos(k * azimuth)
-            columns.append(scale * lpmv(k, degree, sine) * turn)
-    return np.asarray(np.stack(columns, axis=-1), dtype=np.float64)
-
-
 def steering(directions: Array, order: int) -> Array:
     """(n, (order + 1)²) weights of the channels of beams that look in unit vectors (n, 3); 1 for a wave from there."""
     degrees = np.array([degree for degree in range(order + 1) for _ in range(2 * degree + 1)])
-    return harmonics(directions, order) * (2 * degrees + 1) / (order + 1) ** 2
+    return np.asarray(spherical_harmonics(directions, order) * (2 * degrees + 1) / (order + 1) ** 2)
 
 
 def energy_maps(observation: Observation, seconds: int, head: TurningHead) -> NDArray[np.float32]:
@@ -75,7 +61,7 @@ def energy_maps(observation: Observation, seconds: int, head: TurningHead) -> ND
     """
     channels = check_ambisonics(observation)
     order = round(np.sqrt(channels)) - 1
-    to_head = to_ambix(np.eye(3))  # rows: axes of the camera, in those of AmbiX
+    to_head = ambisonic_axes(np.eye(3))  # rows: axes of the camera, in those of AmbiX
     rows, columns = (len(angles) for angles in reversed(grid()))
     maps = np.zeros((LABELS_PER_SECOND * seconds, rows, columns), dtype=np.float32)
     still = steering(_directions(), order)

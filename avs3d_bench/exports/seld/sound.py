@@ -14,7 +14,8 @@ from scipy.signal import resample_poly
 from avs3d_bench.contract import layout
 from avs3d_bench.dataset import Frame, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.exports.seld.events import TurningHead, record_of, to_ambix
+from avs3d_bench.exports.seld.events import TurningHead, record_of
+from avs3d_bench.geometry import ambisonic_axes
 
 F32 = NDArray[np.float32]
 
@@ -72,7 +73,7 @@ def ambisonics_track(observation: Observation, seconds: int, head: TurningHead) 
     for second, frame in enumerate(observation.frames[:seconds]):
         clip = read_second(frame, layout.AMBISONICS, channels)[:FIRST_ORDER]
         # The head turns about an axis of the world; sound turns the other way in the axes of the head.
-        axis = to_ambix(head.turn(second) @ head.poses[second].rotation_matrix)
+        axis = ambisonic_axes(head.turn(second) @ head.poses[second].rotation_matrix)
         clips.append(turned(clip, -axis))
     return resampled(np.concatenate(clips, axis=1))
 
