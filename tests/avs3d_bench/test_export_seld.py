@@ -6,6 +6,7 @@ one second; sources stand still.
 
 from __future__ import annotations
 
+import importlib
 import json
 import re
 import shutil
@@ -30,6 +31,7 @@ from avs3d_bench.exports.seld.write import SeldIndex, SeldSettings, write_seld
 from avs3d_bench.formats import media
 from avs3d_bench.geometry import Pose, ambisonic_axes
 from tests.support import tiny, tiny_scenes
+from tests.support.markdown_code import ROOT, blocks
 from tests.support.shared import SharedDatasets
 from tests.support.tiny_receivers import plane_wave
 from tests.support.tiny_seld import CLASSES, LABEL, accdoa, add_foa, angle, intensity, labels_of, sound_of, vector
@@ -314,6 +316,10 @@ def test_refusals(root: Path, tmp_path: Path, shared_dataset: SharedDatasets) ->
     release = tiny.write_release(tmp_path / "release")
     with pytest.raises(UsageError, match=r"no observation\.json, as in the official release, so that no event can be"):
         write_seld(release, tmp_path / "out")
+    for key in Dataset(release).keys:
+        (release / key / layout.POSES_JSON).touch()
+    with pytest.raises(UsageError, match="its truth is sealed, so that no event can be labelled"):
+        write_seld(release, tmp_path / "out")
     with pytest.raises(UsageError, match=r"none of 5 observations matches part_9/\*"):
         write_seld(root, tmp_path / "out", SeldSettings(only=("part_9/*",)))
     (tmp_path / "full").mkdir()
@@ -416,3 +422,27 @@ def test_a_film_has_thirty_pictures_a_second_and_is_shared_by_siblings(
     # The head looks 5.7° to the left: in the middle is what is there in the world.
     there = colour_of(Pose.from_yaw((0, 0, 0), 0.1).to_world(np.array([0.0, 0.0, -1.0])))
     assert np.abs(pictures[0][15:17, 31:33].mean(axis=(0, 1)) - there).max() < 6
+
+
+def test_the_recipe_of_the_page_is_short_and_learns(
+    foa: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    torch = pytest.importorskip("torch", reason="PyTorch is not installed")
+    loader, recipe = [block for block in blocks(ROOT / "docs/export-seld.md") if block.language == "python"]
+    assert len(recipe.code.splitlines()) <= 15
+    assert loader.file is not None
+    (tmp_path / loader.file).write_text(loader.code)
+    (tmp_path / "seld").symlink_to(foa)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    torch.manual_seed(0)
+    exec(compile(recipe.code, "recipe", "exec"), {})
+    losses = [float(line.split()[-1]) for line in capsys.readouterr().out.splitlines()]
+    assert len(losses) == 4
+    assert losses[-1] < 0.8 * losses[0]
+    # What the loader of the page makes of the labels is what the reader of this test does.
+    spectra, targets = next(importlib.import_module("read_seld").read("seld", TRAIN))
+    assert spectra.shape == (7, 257, 50 * FRAMES)
+    labels = labels_of(foa / f"metadata_dev/{TRAIN}/fold3_room1_mix001.csv")
+    expected = accdoa(labels, 10 * FRAMES)[:, :, :7]
+    np.testing.assert_allclose(targets.numpy(), expected.reshape(len(expected), -1), atol=1e-6)

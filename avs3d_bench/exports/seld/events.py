@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from avs3d_bench.contract import layout
 from avs3d_bench.contract.schema import FrameRecord, ObservationRecord, SourceRecord
 from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import UsageError
@@ -129,7 +130,7 @@ def record_of(observation: Observation) -> ObservationRecord:
     """
     record = observation.record
     if record is None:
-        sealed = observation.published is not None
+        sealed = (observation.path / layout.POSES_JSON).exists()
         why = "its truth is sealed" if sealed else "it has no observation.json, as in the official release"
         raise UsageError(
             f"{observation.path}: {why}, so that no event can be labelled; export a dataset that "
