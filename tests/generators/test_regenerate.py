@@ -23,7 +23,7 @@ from avs3d_bench.validation import regenerate as module
 from avs3d_bench.validation.regenerate import GROUP, choose_frames, find_maker, regenerate
 from generators import backends
 from generators.cli import generate
-from generators.observation.panorama import render_faces
+from generators.run.panorama import render_faces
 from tests.support import tampering, tiny
 from tests.support.homes import write_manifest
 from tests.support.tampering import MUTATIONS, Tree
