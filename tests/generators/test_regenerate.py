@@ -78,10 +78,15 @@ def test_the_faces_about_a_listener_show_what_the_pictures_show(root: Path, mani
         render_faces(panorama.FaceRequest(root, KEY, camera))
 
 
-def test_the_entry_point_of_panoramas_is_the_renderer() -> None:
+def test_the_entry_point_of_panoramas_is_the_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
     project = Path(cli.__file__).parents[1] / "pyproject.toml"
     points = tomllib.loads(project.read_text())["project"]["entry-points"][panorama.GROUP]
-    assert [metadata.EntryPoint(name, value, panorama.GROUP).load() for name, value in points.items()] == [render_faces]
+    known = [metadata.EntryPoint(name, value, panorama.GROUP) for name, value in points.items()]
+    monkeypatch.setattr(panorama, "entry_points", lambda: known)
+    assert panorama.find_renderer() is render_faces
+    monkeypatch.setattr(panorama, "entry_points", lambda: ())
+    with pytest.raises(UsageError, match="--video needs the generator: pip install"):
+        panorama.find_renderer()
 
 
 @pytest.mark.slow

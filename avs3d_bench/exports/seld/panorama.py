@@ -88,13 +88,18 @@ def face_side(width: int, form: SeldFormat) -> int:
     return 2 * math.ceil(focal)
 
 
+def entry_points() -> tuple[metadata.EntryPoint, ...]:
+    """The installed functions that render faces."""
+    return tuple(metadata.entry_points(group=GROUP))
+
+
 def find_renderer() -> Callable[[FaceRequest], Faces]:
     """The function of the generator behind the entry point.
 
     Raises:
         UsageError: if it is not installed.
     """
-    for point in metadata.entry_points(group=GROUP):
+    for point in entry_points():
         with needing("--video", _INSTALL, kind=UsageError):
             found: Callable[[FaceRequest], Faces] = point.load()
         return found
