@@ -161,7 +161,7 @@ HOUSE = {
         "homes": "core assets lighting apartments scans plan",
         "observation": "core assets vision acoustics options backends objects placement paths scenes manifest library "
         "plan homes",
-        "run": "core assets vision acoustics options backends scans manifest library plan homes observation",
+        "run": "core assets vision acoustics options backends scans scenes manifest library plan homes observation",
         "sampling": "core assets options apartments placement paths manifest library plan observation",
         "surveying": "core assets scans vision options placement manifest library plan observation sampling",
         "cli": "core options manifest plan run",

@@ -10,6 +10,8 @@ from .release.get import find_release as find_release
 from .release.get import get_release as get_release
 from .release.write import ReleaseSettings as ReleaseSettings
 from .release.write import write_release as write_release
+from .seld.write import SeldSettings as SeldSettings
+from .seld.write import write_seld as write_seld
 from .shard_files import shard_paths as shard_paths
 from .torch_dataset import AVS3DDataset as AVS3DDataset
 from .webdataset import decode_sample as decode_sample

@@ -16,6 +16,7 @@ from avs3d_bench.commands.outputs import OUTPUT_FOLDER, OutputFile
 from avs3d_bench.contract.questions import QUESTION_KINDS
 from avs3d_bench.exports.acoustics import RECEIVERS
 from avs3d_bench.exports.samples import EXTRA_KINDS, SPLIT_CHOICES
+from avs3d_bench.exports.seld.recordings import FORMATS
 from avs3d_bench.exports.shards import ShardIndex
 from avs3d_bench.exports.signatures import BUNDLE, CARD, CROISSANT
 
@@ -99,6 +100,42 @@ def huggingface(root: Path, folder: Path, **options: Any) -> None:
     from avs3d_bench.exports.huggingface import write_huggingface
 
     _say(folder, write_huggingface(root, folder, progress=sys.stderr.isatty(), **options))
+
+
+@export.command(short_help="Recordings and labels for sound event localisation and detection.")
+@_ROOT
+@click.option("-o", "--output", "folder", type=OUTPUT_FOLDER, metavar="DIR", required=True, help="A new folder.")
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(FORMATS),
+    default="foa",
+    show_default=True,
+    help="foa: as STARSS23; stereo: as DCASE 2025; binaural: as stereo, but the two ears.",
+)
+@only_option
+@click.option("--test-home", "test", multiple=True, metavar="GLOB", help="Homes for testing; repeatable [a fifth].")
+@click.option("--gain-db", type=click.FloatRange(-60, 60), default=0.0, show_default=True, help="Raises all sound.")
+@click.option("--maps", is_flag=True, help="Acoustic energy maps as well: maps_dev/.")
+@click.option("--video", is_flag=True, help="Films as well: panoramas of 360° × 180°, or what a stereo clip looks at.")
+@click.option("--video-width", type=int, default=None, metavar="PX", help="Of a film [foa 360, else 640].")
+@click.option("--manifest", type=PATH, default=None, help="--video: the manifest's file, if it names files beside it.")
+@click.option("--hrtf", type=PATH, default=None, help="--video: the SOFA file with which the dataset was made, if any.")
+@click.option("--workers", type=WORKERS, default=None, help="Processes [one per core].")
+def seld(root: Path, folder: Path, workers: int | None, **options: Any) -> None:
+    """Write the dataset at ROOT for sound event localisation and detection: WAV at 24 kHz, labels every 100 ms.
+
+    The folders, names and columns are those that the baselines of the DCASE challenge read. Azimuth is positive to the
+    left there. The same dataset and options give the same bytes; DIR is written whole or not at all.
+    """
+    from avs3d_bench.exports.seld.write import SeldSettings, write_seld
+
+    index = write_seld(root, folder, SeldSettings(**options), workers=workers, progress=sys.stderr.isatty())
+    for split in sorted({record.split for record in index.recordings}):
+        chosen = [record for record in index.recordings if record.split == split]
+        seconds = sum(record.label_frames for record in chosen) / 10
+        click.echo(f"{split}: {len(chosen):,} recordings, {seconds:,.0f} s, {sum(r.events for r in chosen):,} labels")
+    click.echo(str(folder))
 
 
 @export.command(short_help="A Croissant description (JSON-LD).")

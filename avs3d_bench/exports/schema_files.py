@@ -31,6 +31,7 @@ from avs3d_bench.contract.schema import (
 from avs3d_bench.contract.scores import Scores, VerificationRecord
 from avs3d_bench.exports.acoustics import ACOUSTICS_JSON, ResponsesRecord
 from avs3d_bench.exports.release.record import RELEASE_JSON, ReleaseRecord
+from avs3d_bench.exports.seld.write import SELD_JSON, SeldIndex
 from avs3d_bench.exports.shards import ShardIndex
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -47,6 +48,7 @@ RECORDS: dict[str, type[Record]] = {
     layout.SHARDS_JSON: ShardIndex,
     RELEASE_JSON: ReleaseRecord,
     ACOUSTICS_JSON: ResponsesRecord,  # `avs3d export acoustics`
+    SELD_JSON: SeldIndex,
     layout.POSES_JSON: PosesRecord,
     layout.SEAL_JSON: SealRecord,
     QA_JSON: QuestionsRecord,
