@@ -22,9 +22,10 @@ from generators.assets.acoustic_twin import clustered
 from generators.assets.meshfile import load_mesh
 from generators.assets.modelframe import upright
 from generators.core.boxes import yaw_matrix
-from generators.core.scene import Licence, Material, Mesh, Part, Room, Scene, SplatFile, StageFile, Support
+from generators.core.scene import DenseMesh, Licence, Material, Mesh, Part, Room, Scene, SplatFile, StageFile, Support
 from generators.scans.annotations import Annotations
 from generators.scans.backing import backing_of
+from generators.scans.decimation import ScanMesh, for_rays
 from generators.scans.files import ScanFiles, find_scan_files, scan_files_of
 from generators.scans.hm3d import read_hm3d
 from generators.scans.mp3d import read_mp3d
@@ -156,6 +157,7 @@ def read_scan(
     textures: bool = True,
     acoustics: ScanAcoustics = ScanAcoustics(),  # frozen
     need: Sequence[str] = (),
+    loaded: ScanMesh | None = None,
 ) -> tuple[Scene, SoundReport]:
     """Read a scan.
 
@@ -169,10 +171,12 @@ def read_scan(
         textures: whether colour is read; a renderer that reads `Scene.stage` itself needs none.
         acoustics: materials and reverberation times that are known.
         need: rooms without which the scan is of no use.
+        loaded: the mesh of the file, from `load_scan_mesh`, if it was read before.
 
     Returns:
-        One part with instance id 0, without a light map; the rooms; the supports found in each; the stage's file and
-        that of the splats. And what was guessed about its sound.
+        One part with instance id 0, without a light map, decimated if the scan is dense (see
+        `generators.scans.decimation`); the rooms; the supports found in each; the stage's file and that of the splats.
+        And what was guessed about its sound.
 
     Raises:
         Avs3dError: if the scan is unknown, a file of it is missing or broken, its textures need a decoder that is not
@@ -193,7 +197,7 @@ def read_scan(
         raise Avs3dError(
             f"scan {name}: no rooms given, and no annotations show any; expected the box of at least one room"
         )
-    mesh = _read_mesh(files.mesh, rotation, textures, axes.scale)
+    mesh, dense = _placed(files.mesh, loaded or load_scan_mesh(files.mesh, textures), rotation, axes.scale)
     supports: list[Support] = []
     found: list[tuple[Room, float]] = []
     for label, box in boxes.items():
@@ -208,7 +212,8 @@ def read_scan(
         found.append((_on_floor(room, floor), floor))
         supports += own if annotations is None else [s for s in own if _usable(s, annotations)]
     mesh, report = _with_sound(mesh, found, annotations, acoustics, acoustics.times(name, [room for room, _ in found]))
-    part = Part(name, mesh, licence=licence or Licence("unknown", "unknown", files.mesh.name))
+    licence = licence or Licence("unknown", "unknown", files.mesh.name)
+    part = Part(name, mesh, licence=licence, dense=None if dense is None else DenseMesh(dense))
     stage = StageFile(files.mesh, axes.up or files.up, axes.front or files.front, axes.turn, axes.scale)
     splats = SplatFile(files.splats, similarity(rotation, axes.scale)) if files.splats is not None else None
     return Scene(name, (part,), tuple(room for room, _ in found), tuple(supports), stage=stage, splats=splats), report
@@ -250,25 +255,35 @@ def similarity(rotation: NDArray[np.float64], scale: float = 1.0) -> NDArray[np.
     return out
 
 
-def _read_mesh(path: Path, rotation: NDArray[np.float64], textures: bool, scale: float = 1.0) -> Mesh:
-    """The mesh of a scan, turned and in metres; without ``textures`` it is plain.
+def load_scan_mesh(path: Path, textures: bool = True) -> ScanMesh:
+    """The mesh of a scan in the axes and the unit of its file; without ``textures`` it is plain.
 
     Its materials are matte and do not shine: what reflects or shines is in the pictures already.
 
     Raises:
-        Avs3dError: if it is broken or reaches too far.
+        Avs3dError: if it is broken.
     """
     mesh = load_mesh(path, acoustic=DEFAULT_LABEL, twin="surface", max_acoustic_faces=sys.maxsize, textures=textures)
-    mesh = mesh.transformed(rotation, np.zeros(3), scale)
+    looks = ((m.colour, m.texture) if textures else (PLAIN, None) for m in mesh.materials)
+    pictures = (Material(m.name, m.acoustic, *look) for m, look in zip(mesh.materials, looks, strict=True))
+    return for_rays(replace(mesh, materials=tuple(pictures)))
+
+
+def _placed(path: Path, loaded: ScanMesh, rotation: NDArray[np.float64], scale: float) -> ScanMesh:
+    """A mesh in the world's axes and metres.
+
+    Raises:
+        Avs3dError: if it reaches too far.
+    """
+    mesh, dense = (each and each.transformed(rotation, np.zeros(3), scale) for each in loaded)
+    assert mesh is not None
     reach = float(np.abs(mesh.bounds).max())
     if reach > FARTHEST:
         raise Avs3dError(
             f"{path}: reaches {reach:,.0f} m from its origin; expected at most {FARTHEST:,.0f} m; is it in "
             "millimetres, or has it a stray vertex? repair or rescale it"
         )
-    looks = ((m.colour, m.texture) if textures else (PLAIN, None) for m in mesh.materials)
-    pictures = (Material(m.name, m.acoustic, *look) for m, look in zip(mesh.materials, looks, strict=True))
-    return replace(mesh, materials=tuple(pictures))
+    return ScanMesh(mesh, dense)
 
 
 def _files(name: str, source: str | Path | ScanFiles) -> ScanFiles:

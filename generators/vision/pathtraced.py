@@ -104,6 +104,7 @@ class PathtracedSession:
 
     def __init__(self, mi: Any, scene: Scene, intrinsics: Intrinsics) -> None:
         check_camera(intrinsics)
+        scene = scene.shown
         self._mi, self._intrinsics, self._gains = mi, intrinsics, scene.gains
         self._labels = EmbreeBackend().open(scene, intrinsics)
         self._scenes = MitsubaScene(mi, scene).scenes

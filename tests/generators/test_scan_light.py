@@ -13,7 +13,7 @@ from generators.assets.meshfile import load_mesh
 from generators.assets.shapes import MeshBuilder
 from generators.core.boxes import UprightBox
 from generators.core.low_discrepancy import PATTERNS, cosine_directions
-from generators.core.scene import Material, Mesh, Part, Room, Scene, StageFile
+from generators.core.scene import DenseMesh, Material, Mesh, Part, Room, Scene, StageFile
 from generators.core.tone import tone_curve
 from generators.lighting.bake import bake, insert
 from generators.lighting.direct import direct_light
@@ -213,6 +213,43 @@ def _world(camera: Intrinsics, pose: Pose, depth: np.ndarray) -> np.ndarray:
     x = (columns - camera.cx) / camera.fx * depth
     y = -(rows - camera.cy) / camera.fy * depth
     return np.stack([x, y, -depth], axis=2) + np.array(pose.position)
+
+
+def test_a_dense_scan_shows_all_its_faces_with_the_shadow_that_its_copy_has(scan: Scene) -> None:
+    (part,) = scan.parts
+    mesh = part.mesh
+    # The same surface in four times as many faces: each is cut at the middles of its sides.
+    fine = replace(
+        mesh,
+        positions=_quartered(mesh.positions),
+        normals=np.repeat(mesh.normals, 4, axis=0),
+        uv=_quartered(mesh.uv),
+        face_material=np.repeat(mesh.face_material, 4),
+        acoustic_positions=mesh.acoustic_positions[:0],
+        acoustic_labels=(),
+    )
+    dense = insert(replace(scan, parts=(replace(part, dense=DenseMesh(fine)),)), (block(),))
+    assert sum(len(each.mesh.positions) for each in dense.shown.parts if dense.is_scan(each)) == 4 * len(mesh.positions)
+    camera, pose = Intrinsics.from_fov(120), Pose.from_yaw((1.6, 0.9, 2.9), 0.0)
+    one, other = (EmbreeBackend().open(each, camera).render(pose) for each in (insert(scan, (block(),)), dense))
+    np.testing.assert_array_equal(one.instance_ids, other.instance_ids)
+    empty = EmbreeBackend().open(scan, camera).render(pose).rgb.astype(int)
+    shade = (empty - one.rgb).mean(axis=2)[one.instance_ids == 0]
+    error = (one.rgb.astype(int) - other.rgb).mean(axis=2)[one.instance_ids == 0]
+    assert shade.max() > 40
+    assert np.abs(error).mean() < 0.03 * np.abs(shade).mean() + 0.02
+    assert np.quantile(np.abs(error), 0.999) < 4
+
+
+def _quartered(corners: np.ndarray) -> np.ndarray:
+    """(4 F, 3, K) the four parts of each of the faces (F, 3, K)."""
+    a, b, c = corners.transpose(1, 0, 2)
+    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    return (
+        np.stack([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]])
+        .transpose(2, 0, 1, 3)
+        .reshape(-1, *corners.shape[1:])
+    )
 
 
 def test_the_same_object_gives_the_same_bytes(scan: Scene) -> None:
