@@ -296,6 +296,8 @@ class ScanLight:
         ceiling: height (world Y, metres) from which on faces that look down belong to the ceiling.
         glow: (3,) float32 radiance that the ceiling has beyond what is shown of it.
         sun: the sun, if its patches were found.
+        black: (3,) float32 radiance that the pictures show where no light comes from: flare, fog, a lifted tone curve.
+            What this record says of the scan's radiance is without it.
     """
 
     position: F32
@@ -307,6 +309,7 @@ class ScanLight:
     ceiling: float
     glow: F32
     sun: ScanSun | None = None
+    black: F32 = field(default_factory=lambda: np.zeros(3, dtype=np.float32))
 
 
 @dataclass(frozen=True, eq=False)
@@ -346,6 +349,11 @@ class Scene:
         known = [room.name for room in self.rooms]
         hint = did_you_mean(name, known)
         raise Avs3dError(f"{self.name}: no room {excerpt(name)}; it has {', '.join(known) or 'none'}{hint}")
+
+    @property
+    def veil(self) -> F32:
+        """(3,) float32 radiance that lies over everything, as in the pictures of the scan (`ScanLight.black`)."""
+        return np.zeros(3, dtype=np.float32) if self.scan_light is None else self.scan_light.black
 
     def is_scan(self, part: Part) -> bool:
         """Whether the textures of ``part`` are pictures of a scan: their light is in them, developed for display."""

@@ -290,7 +290,10 @@ def beyond_bumps(directions: F32) -> F32:
     return ahead[:, None]
 
 
-def displayed(radiance: F32, ratio: F32) -> F32:
-    """The factor (N, 3) of display light when radiance (N, 3), as a scan's texels show it, changes by ``ratio``."""
+def displayed(radiance: F32, ratio: F32, black: F32 | float = 0.0) -> F32:
+    """The factor (N, 3) of display light when radiance (N, 3), as a scan's texels show it, changes by ``ratio``.
+
+    Over it lies the radiance ``black``, which does not change.
+    """
     shown = np.maximum(radiance, 1e-3)
-    return np.asarray((tone_curve(shown * ratio) / tone_curve(shown)).astype(np.float32))
+    return np.asarray((tone_curve(shown * ratio + black) / tone_curve(shown + black)).astype(np.float32))
