@@ -142,3 +142,34 @@ def test_a_lone_bright_texel_is_no_brighter_than_those_around_it_and_an_edge_of_
     known = np.ones(len(light), dtype=bool)
     np.testing.assert_array_equal(despeckle(surfaces, sheet, texels, light, known), light)
     np.testing.assert_array_equal(despeckle(surfaces, sheet, texels, speckled, known), light)
+
+
+def lamp_at_ceiling(height: float, side: float) -> MeshBuilder:
+    """A frame below the ceiling, open above, and in it a pane that shines to both sides."""
+    builder, (x, z), thick, drop = MeshBuilder(), (1.01, 0.99), 0.006, 0.03
+    half, y = side / 2, height - drop / 2
+    for sign in (-1, 1):
+        builder.box((side + thick, drop, thick), (x, y, z + sign * half), matte(0.5))
+        builder.box((thick, drop, side - thick), (x + sign * half, y, z), matte(0.5))
+    inner, low = half - thick / 2, height - drop
+    corners = [(x - inner, low, z - inner), (x + inner, low, z - inner), (x + inner, low, z + inner)]
+    corners.append((x - inner, low, z + inner))
+    builder.quad(corners, LAMP)
+    return builder.quad(np.add(corners, (0.0, 0.004, 0.0))[::-1], LAMP)
+
+
+def test_the_inside_of_a_lamp_does_not_light_the_ceiling_beside_it() -> None:
+    """All of the frame's outside is in its shadow: the ceiling is lit by the floor and the walls alone."""
+    side = 0.34
+    shell = room_of_a_lamp(side)
+    points, normals, light = samples(shell, 200000)
+    away = np.abs(points[:, [0, 2]] - (1.01, 0.99)).max(axis=1) - side / 2 - 0.003
+    ceiling = normals[:, 1] < -0.9
+    beside, farther = (light[ceiling & (away > low) & (away < high)] for low, high in ((0.002, 0.04), (0.2, 0.3)))
+    assert len(beside) > 300
+    assert beside.max() < 1.5 * farther.mean()
+
+
+def room_of_a_lamp(side: float) -> Part:
+    shell = box_room(matte(0.6), (SIDE, SIDE, SIDE)).build()
+    return bake(scene_of(shell, lamp_at_ceiling(SIDE, side).build()), quality="standard", workers=1).parts[0]
