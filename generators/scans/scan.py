@@ -9,8 +9,9 @@ that the scan's annotations show (generators/scans/rooms.py); what can carry an 
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -141,10 +142,26 @@ def load_scan(
     acoustics: ScanAcoustics = ScanAcoustics(),  # frozen
     need: Sequence[str] = (),
 ) -> Scene:
-    """Read a scan; see `read_scan`."""
-    return read_scan(
-        name, source, rooms, licence=licence, axes=axes, textures=textures, acoustics=acoustics, need=need
-    )[0]
+    """Read a scan; see `read_scan`.
+
+    ``textures``: whether colour is read; a renderer that reads `Scene.stage` itself needs none.
+    """
+    load = partial(load_scan_mesh, textures=textures)
+    return read_scan(name, source, rooms, licence=licence, axes=axes, acoustics=acoustics, need=need, load=load)[0]
+
+
+def load_scan_mesh(path: Path, textures: bool = True) -> ScanMesh:
+    """The mesh of a scan in the axes and the unit of its file; without ``textures`` it is plain.
+
+    Its materials are matte and do not shine: what reflects or shines is in the pictures already.
+
+    Raises:
+        Avs3dError: if it is broken.
+    """
+    mesh = load_mesh(path, acoustic=DEFAULT_LABEL, twin="surface", max_acoustic_faces=sys.maxsize, textures=textures)
+    looks = ((m.colour, m.texture) if textures else (PLAIN, None) for m in mesh.materials)
+    pictures = (Material(m.name, m.acoustic, *look) for m, look in zip(mesh.materials, looks, strict=True))
+    return for_rays(replace(mesh, materials=tuple(pictures)))
 
 
 def read_scan(
@@ -154,10 +171,9 @@ def read_scan(
     *,
     licence: Licence | None = None,
     axes: Axes = Axes(),  # frozen
-    textures: bool = True,
     acoustics: ScanAcoustics = ScanAcoustics(),  # frozen
     need: Sequence[str] = (),
-    loaded: ScanMesh | None = None,
+    load: Callable[[Path], ScanMesh] = load_scan_mesh,
 ) -> tuple[Scene, SoundReport]:
     """Read a scan.
 
@@ -168,10 +184,9 @@ def read_scan(
             that are missing here are looked for in the annotations.
         licence: of the scan; without it, that it comes from ``source`` and its terms are not known.
         axes: of the file.
-        textures: whether colour is read; a renderer that reads `Scene.stage` itself needs none.
         acoustics: materials and reverberation times that are known.
         need: rooms without which the scan is of no use.
-        loaded: the mesh of the file, from `load_scan_mesh`, if it was read before.
+        load: reads the mesh of the file.
 
     Returns:
         One part with instance id 0, without a light map, decimated if the scan is dense (see
@@ -197,7 +212,7 @@ def read_scan(
         raise Avs3dError(
             f"scan {name}: no rooms given, and no annotations show any; expected the box of at least one room"
         )
-    mesh, dense = _placed(files.mesh, loaded or load_scan_mesh(files.mesh, textures), rotation, axes.scale)
+    mesh, dense = _placed(files.mesh, load(files.mesh), rotation, axes.scale)
     supports: list[Support] = []
     found: list[tuple[Room, float]] = []
     for label, box in boxes.items():
@@ -255,35 +270,20 @@ def similarity(rotation: NDArray[np.float64], scale: float = 1.0) -> NDArray[np.
     return out
 
 
-def load_scan_mesh(path: Path, textures: bool = True) -> ScanMesh:
-    """The mesh of a scan in the axes and the unit of its file; without ``textures`` it is plain.
-
-    Its materials are matte and do not shine: what reflects or shines is in the pictures already.
-
-    Raises:
-        Avs3dError: if it is broken.
-    """
-    mesh = load_mesh(path, acoustic=DEFAULT_LABEL, twin="surface", max_acoustic_faces=sys.maxsize, textures=textures)
-    looks = ((m.colour, m.texture) if textures else (PLAIN, None) for m in mesh.materials)
-    pictures = (Material(m.name, m.acoustic, *look) for m, look in zip(mesh.materials, looks, strict=True))
-    return for_rays(replace(mesh, materials=tuple(pictures)))
-
-
 def _placed(path: Path, loaded: ScanMesh, rotation: NDArray[np.float64], scale: float) -> ScanMesh:
     """A mesh in the world's axes and metres.
 
     Raises:
         Avs3dError: if it reaches too far.
     """
-    mesh, dense = (each and each.transformed(rotation, np.zeros(3), scale) for each in loaded)
-    assert mesh is not None
+    mesh = loaded.mesh.transformed(rotation, np.zeros(3), scale)
     reach = float(np.abs(mesh.bounds).max())
     if reach > FARTHEST:
         raise Avs3dError(
             f"{path}: reaches {reach:,.0f} m from its origin; expected at most {FARTHEST:,.0f} m; is it in "
             "millimetres, or has it a stray vertex? repair or rescale it"
         )
-    return ScanMesh(mesh, dense)
+    return ScanMesh(mesh, loaded.dense and loaded.dense.transformed(rotation, np.zeros(3), scale))
 
 
 def _files(name: str, source: str | Path | ScanFiles) -> ScanFiles:

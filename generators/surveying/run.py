@@ -105,7 +105,7 @@ def _survey_mesh(request: ScanRequest, command: str) -> ScanOutcome:
         licence=Licence(*request.licence, request.file.name) if request.licence else None,
         axes=_axes_of(surveyed),
         acoustics=ScanAcoustics(surfaces=request.surfaces),
-        loaded=loaded,
+        load=lambda _: loaded,
     )
     if request.splats is not None:
         read_cloud(home)
