@@ -195,13 +195,14 @@ HOUSE = {
         "sound_control": "",
         "listener": "networks sound_control",
         "echosegnet": "oracle_errors oracle sound_control",
+        "foundation": "networks owod_bind echosegnet",
         "direction_alone": "listener echosegnet networks sound_control",
         "references": "oracle echosegnet",
         "reference_scores": "",
         "questions": "echosegnet references",
         "questions_inspect": "questions",
-        "cli": "oracle_errors oracle deaf trivial owod_bind denseav listener echosegnet direction_alone references "
-        "reference_scores questions",
+        "cli": "oracle_errors oracle deaf trivial owod_bind denseav foundation listener echosegnet direction_alone "
+        "references reference_scores questions",
     },
 }
 #: Folders of avs3d_bench that use each other: none.

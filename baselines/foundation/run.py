@@ -19,7 +19,7 @@ from avs3d_bench.method import Method, write_submission
 from avs3d_bench.submission import Prediction, SubmissionWriter
 from baselines.echosegnet import binaural, spatial
 from baselines.foundation.protocols import SoundTagger, TextMasks, TextSegmenter
-from baselines.foundation.tracks import Track, join, sighting
+from baselines.foundation.tracks import ObjectTrack, join, sighting
 from baselines.networks.checkpoints import CHECKPOINTS, find_checkpoint, require_packages
 from baselines.networks.device import enough_memory, inference, pick_device
 from baselines.networks.sound import check_clip
@@ -115,7 +115,7 @@ class Foundation:
         ``listened`` says in which frames of the whole observation the sound is that of these categories.
         """
         observation, poses = frames[0].observation, [frame.pose for frame in frames]
-        tracks: list[tuple[int, list[TextMasks], Track]] = []
+        tracks: list[tuple[int, list[TextMasks], ObjectTrack]] = []
         for category, masks in found:
             seen = [sighting(f, k, mask) for f, one in enumerate(masks) for k, mask in enumerate(one.masks)]
             tracks += [(category, masks, track) for track in join(seen, poses, observation.intrinsics)]

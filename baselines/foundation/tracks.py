@@ -53,7 +53,7 @@ class Sighting:
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
+class ObjectTrack:
     """An object.
 
     Attributes:
@@ -72,7 +72,7 @@ def sighting(frame: int, index: int, mask: NDArray[np.bool_]) -> Sighting:
     return Sighting(frame, index, np.array([columns.mean() + 0.5, rows.mean() + 0.5]), box)
 
 
-def join(sightings: Sequence[Sighting], poses: Sequence[Pose], camera: Intrinsics) -> list[Track]:
+def join(sightings: Sequence[Sighting], poses: Sequence[Pose], camera: Intrinsics) -> list[ObjectTrack]:
     """The tracks of an observation, those with most sightings first.
 
     Args:
@@ -84,7 +84,7 @@ def join(sightings: Sequence[Sighting], poses: Sequence[Pose], camera: Intrinsic
         Tracks; every sighting is in exactly one of them.
     """
     left = list(sightings)
-    found: list[Track] = []
+    found: list[ObjectTrack] = []
     proposals = _proposals(left, poses, camera)
     while len(left) > 1 and len(proposals):
         support = _support(proposals, left, poses, camera)
@@ -101,13 +101,13 @@ def join(sightings: Sequence[Sighting], poses: Sequence[Pose], camera: Intrinsic
             members = [left[k] for k in again if k >= 0]
         else:
             point = proposals[best]
-        found.append(Track(point, tuple(members)))
+        found.append(ObjectTrack(point, tuple(members)))
         taken = {id(one) for one in members}
         left = [one for one in left if id(one) not in taken]
     for one in left:
         ray = camera.unproject(poses[one.frame], one.centre[None], np.ones(1))[0] - poses[one.frame].position
         point = np.asarray(poses[one.frame].position) + ALONE * ray / np.linalg.norm(ray)
-        found.append(Track(point, (one,)))
+        found.append(ObjectTrack(point, (one,)))
     return found
 
 
