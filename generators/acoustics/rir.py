@@ -194,7 +194,9 @@ class Rir:
         file.Data_SamplingRate, file.Data_Delay = float(self.sample_rate), np.zeros((1, len(self.samples), 1))
         file.ListenerPosition, file.SourcePosition = _sofa_axes([self.listener.position]), _sofa_axes([self.source])
         file.ListenerView, file.ListenerUp = _sofa_axes([-turn[:, 2]]), _sofa_axes([turn[:, 1]])
+        each = (len(self.samples), 1)
         file.ReceiverPosition = np.zeros((len(self.samples), 3, 1))
+        file.ReceiverView, file.ReceiverUp = (np.tile(axis, each)[:, :, None] for axis in ([1.0, 0, 0], [0, 0, 1.0]))
         named = path.with_suffix(".sofa")  # sofar writes no other ending
         sofar.write_sofa(str(named), file)
         named.replace(path)

@@ -317,6 +317,10 @@ def test_sofa_files_hold_the_response(tmp_path: Path, traced: acoustics.Rir) -> 
     assert file.Data_SamplingRate == RATE
     x, y, z = np.squeeze(file.SourcePosition)
     assert (-y, z, -x) == pytest.approx(SOURCE)
+    ears = replace(traced, samples=np.concatenate([traced.samples, -traced.samples]), channel_names=("left", "right"))
+    file = sofar.read_sofa(str(ears.save(tmp_path / "ears.sofa")))
+    np.testing.assert_allclose(np.squeeze(file.Data_IR), ears.samples)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.sofa", "ears.sofa"]
 
 
 def test_shards_are_read_as_webdatasets_are(tmp_path: Path, room: acoustics.Room) -> None:
