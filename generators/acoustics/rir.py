@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.errors import UsageError
+from avs3d_bench.formats.atomic import atomic_path
 from avs3d_bench.geometry import Pose
 from avs3d_bench.measures.decay import EARLY, SPEED_OF_SOUND, energy_ratio_db, fit_decay, octave_filtered
 from avs3d_bench.runtime.imports import needing
@@ -136,6 +137,8 @@ class Rir:
     def save(self, path: str | Path) -> Path:
         """Write the response: ``.wav`` (32-bit float), ``.sofa`` (SingleRoomMIMOSRIR) or ``.npz`` (with the arrivals).
 
+        The file is there as a whole or not at all.
+
         Raises:
             UsageError: for another ending.
             Avs3dError: if the file cannot be written, or sofar is missing for SOFA.
@@ -144,10 +147,8 @@ class Rir:
         writers = {".wav": self._save_wav, ".sofa": self._save_sofa, ".npz": self._save_npz}
         if path.suffix.lower() not in writers:
             raise UsageError(f"{path}: unknown ending {path.suffix!r}; expected {', '.join(writers)}")
-        try:
-            writers[path.suffix.lower()](path)
-        except OSError as error:
-            raise Avs3dError(f"{path}: cannot be written ({error.strerror or error})") from error
+        with atomic_path(path) as temporary:
+            writers[path.suffix.lower()](temporary)
         return path
 
     def metadata(self) -> dict[str, Any]:
@@ -172,7 +173,8 @@ class Rir:
         if self.arrivals is not None:
             parts = ("time", "direction", "pressure")
             arrays |= {f"arrival_{part}": getattr(self.arrivals, part) for part in parts}
-        np.savez_compressed(path, **arrays)
+        with path.open("wb") as stream:  # given a name, numpy would add its ending
+            np.savez_compressed(stream, **arrays)
 
     def _save_sofa(self, path: Path) -> None:
         """AES69: cartesian metres, X forward, Y left, Z up; the listener looks along +X of its own axes."""
@@ -189,8 +191,12 @@ class Rir:
         file.Data_SamplingRate, file.Data_Delay = float(self.sample_rate), np.zeros((1, len(self.samples), 1))
         file.ListenerPosition, file.SourcePosition = _sofa_axes([self.listener.position]), _sofa_axes([self.source])
         file.ListenerView, file.ListenerUp = _sofa_axes([-turn[:, 2]]), _sofa_axes([turn[:, 1]])
+        each = (len(self.samples), 1)
         file.ReceiverPosition = np.zeros((len(self.samples), 3, 1))
-        sofar.write_sofa(str(path), file)
+        file.ReceiverView, file.ReceiverUp = (np.tile(axis, each)[:, :, None] for axis in ([1.0, 0, 0], [0, 0, 1.0]))
+        named = path.with_suffix(".sofa")  # sofar writes no other ending
+        sofar.write_sofa(str(named), file)
+        named.replace(path)
 
     def _remaining(self, octave: int | None) -> F64:
         """(n,) energy from each sample on, in an octave or at all frequencies."""

@@ -297,7 +297,7 @@ class DirectivitySpec(_Model):
 
     The words ``omni``, alike in all directions, and ``auto``, the model of the source's category; ``cardioid``, its
     order, with ``axis`` (x, y, z in the object's frame: y up, z to the front) and ``omni_share``; ``file``, a SOFA file
-    (FreeFieldDirectivityTF) with its ``licence``.
+    (FreeFieldDirectivityTF) or a table as CSV or NPZ, with its ``licence``.
     """
 
     word: Literal["omni", "auto"] | None = None
@@ -313,7 +313,7 @@ class DirectivitySpec(_Model):
         if len(kinds) != 1:
             raise ValueError(
                 f"found {' and '.join(kinds) or 'nothing'}; expected exactly one of omni, auto, {{cardioid: ORDER}}, "
-                "{file: FILE.sofa, licence: …}"
+                "{file: FILE.sofa or .csv or .npz, licence: …}"
             )
         if self.cardioid is None and self.model_fields_set & {"axis", "omni_share"}:
             raise ValueError("axis and omni_share belong to cardioid; leave them out")
