@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import gc
+import os
+import shutil
 import signal
+import tempfile
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -12,7 +15,7 @@ from typing import TYPE_CHECKING
 import pytest
 from hypothesis import settings
 
-from tests.support import tiny, tiny_scenes
+from tests.support import once, tiny, tiny_scenes
 from tests.support.shared import SharedDatasets
 
 if TYPE_CHECKING:
@@ -53,12 +56,16 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Let the programs that tests start hear Ctrl-C.
+    """Let the programs that tests start hear Ctrl-C; make the folder of what is made once for all processes.
 
     A worker of pytest-xdist ignores SIGINT, and a program that is started by it would inherit that.
     """
     if hasattr(config, "workerinput"):
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    else:
+        folder = tempfile.mkdtemp(prefix="avs3d-tests-")
+        os.environ[once.FOLDER] = folder
+        config.add_cleanup(partial(shutil.rmtree, folder, ignore_errors=True))
 
 
 @pytest.fixture(scope="session")
