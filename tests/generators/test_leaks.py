@@ -136,5 +136,5 @@ def test_rules_that_cannot_hear_stay_at_chance_in_real_scans() -> None:
 @pytest.mark.slow
 def test_a_walk_planned_for_the_sounding_object_alone_is_caught() -> None:
     """The negative control: the same survey with walks as they must not be."""
-    seen = survey(12, homes=1, seed=1, parts=["part_2"], biased=True)
+    seen = survey(12, homes=2, seed=1, parts=["part_2"], biased=True)
     assert {"share of frames in view", "centrality where in view"} & {v.rule for v in judge(seen) if v.leaks}
