@@ -40,6 +40,10 @@ MARKED = {
 }
 
 
+#: Files whose runs on one worker have no process of their own. What a process is for, others test (test_generate).
+HERE = {"test_part_3", "test_receivers_run", "test_regenerate", "test_remake"}
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark tests by what they need, so that `pytest -m "not browser"` leaves them out."""
     for item in items:
@@ -66,6 +70,18 @@ def pytest_configure(config: pytest.Config) -> None:
         folder = tempfile.mkdtemp(prefix="avs3d-tests-")
         os.environ[once.FOLDER] = folder
         config.add_cleanup(partial(shutil.rmtree, folder, ignore_errors=True))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _here(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Runs of the files `HERE`."""
+    if request.path.stem not in HERE:
+        yield
+        return
+    from tests.support.here import generated_here
+
+    with generated_here():
+        yield
 
 
 @pytest.fixture(scope="session")
