@@ -41,7 +41,10 @@ MARKED = {
 
 
 #: Files whose runs on one worker have no process of their own. What a process is for, others test (test_generate).
-HERE = {"test_part_3", "test_receivers_run", "test_regenerate", "test_remake"}
+HERE = {
+    "test_distractors", "test_generation", "test_library_generate", "test_motion", "test_part_3", "test_receivers_run",
+    "test_regenerate", "test_remake", "test_sweep", "test_takes", "test_top_view", "test_variants",
+}  # fmt: skip
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
