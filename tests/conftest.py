@@ -70,7 +70,7 @@ def pytest_configure(config: pytest.Config) -> None:
     if hasattr(config, "workerinput"):
         signal.signal(signal.SIGINT, signal.default_int_handler)
     else:
-        folder = tempfile.mkdtemp(prefix="avs3d-tests-")
+        folder = tempfile.mkdtemp(prefix="avs3d-tests-", dir=os.environ.get("PYTEST_DEBUG_TEMPROOT"))
         os.environ[once.FOLDER] = folder
         config.add_cleanup(partial(shutil.rmtree, folder, ignore_errors=True))
 
