@@ -155,17 +155,22 @@ listener: setup ## make the training data, train the listener, make the test set
 
 # Each module is compiled once, not by each of the hundreds of programs that tests start, whatever the shell says.
 test test-slow test-all: export PYTHONDONTWRITEBYTECODE =
+# And each kernel of numba, not by every process at once.
+KERNELS = -@$(BIN)/python -m tests.support.compile_kernels
 
 test: setup ## run the fast tests, before each commit
+	$(KERNELS)
 	$(PYTEST) -m "not slow"
 
 test-slow: setup ## run the slow tests: engines, browser, cluster, faults, full-size data
+	$(KERNELS)
 	$(PYTEST) -m slow
 
 test-latest: ## run the fast tests against the newest versions of all packages, in ./.venv-latest
 	$(MAKE) --no-print-directory test VENV=.venv-latest LATEST=1
 
 test-all: setup ## run all tests
+	$(KERNELS)
 	$(PYTEST)
 
 lint: setup ## check style, types and the documentation site

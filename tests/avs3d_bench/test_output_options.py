@@ -303,6 +303,7 @@ def test_a_folder_of_somebody_else_keeps_its_files(case: Case, place: Path, tmp_
         shutil.rmtree(tmp_path / "mine")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", cases(folder=True))
 def test_a_folder_takes_the_place_of_no_input(case: Case, place: Path, tmp_path: Path) -> None:
     folders = [path for path in read_by(case, place) if path.is_dir()]

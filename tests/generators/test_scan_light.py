@@ -270,6 +270,7 @@ def test_the_shadow_moves_with_the_object(scan: Scene) -> None:
         assert factor[there] > 0.9
 
 
+@pytest.mark.slow
 def test_an_exported_shadow_looks_as_it_is_rendered(scan: Scene, tmp_path: Path) -> None:
     # Renderers that read files get the scan with the shadows in its textures.
     placed = insert(scan, (block(),))
