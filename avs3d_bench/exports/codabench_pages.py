@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -166,8 +167,10 @@ cd my-submission && zip -r ../my-submission.zip .
 
 def _extra(install: str) -> str:
     """The command that installs the baselines, too."""
-    if "avs3d-bench" in install:
-        return f"`{install.replace('avs3d-bench', 'avs3d-bench[baselines]', 1)}`"
+    # The name of the requirement, not a part of its address.
+    named, count = re.subn(r"(?<![\w/.-])avs3d-bench(?![\w.\[-])", "avs3d-bench[baselines]", install, count=1)
+    if count:
+        return f"`{named}`"
     return "install the extra `[baselines]`."
 
 
