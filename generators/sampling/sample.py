@@ -257,7 +257,7 @@ class _Drawer:
         return self._fill(where, len(unit.entries), number, rng)
 
     def _take_back(self, room: str, unit: SampledGroup) -> None:
-        """Count no more what stood, was heard and walked in a unit that is drawn again, so that all still take turns."""
+        """Count no more what a unit had that is drawn again, agent included, so that all still take turns."""
         first = unit.entries[0]
         if "agent" in first:
             self._focus["agent", first["scan"], first["agent"]] -= 1
