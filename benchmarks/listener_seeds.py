@@ -39,7 +39,7 @@ def figures_of(folders: tuple[Path, ...]) -> dict[str, dict[str, Any]]:
 def _over(each: list[dict[str, Any]]) -> dict[str, Any]:
     values = [figure["value"] for figure in each]
     return {
-        "mean": round(fmean(values), 4), "least": min(values), "most": max(values), "interval": each[0]["interval"],
+        "mean": round(fmean(values), 9), "least": min(values), "most": max(values), "interval": each[0]["interval"],
         "seeds": len(values),
     }  # fmt: skip
 
