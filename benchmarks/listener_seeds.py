@@ -22,7 +22,7 @@ from avs3d_bench.formats.files import write_json
 from avs3d_bench.formats.media import read_record
 from benchmarks.listener_summary import share
 from benchmarks.listener_tables import ROWS, RUN_JSON
-from benchmarks.sound_rows import row_of
+from benchmarks.sound_rows import LISTEN_FIGURES, row_of
 
 #: Datasets of strict IoU in the docs: its name in files of scores → what differs.
 TESTS = {"open-s34-o7": "test voices", "open-s34-o7-excerpts": "recordings", "open-s34-o7-heads": "other heads"}
@@ -87,7 +87,7 @@ def listen_rows(runs: Mapping[str, Any]) -> list[list[str]]:
     """Rows of ``listen`` for the docs: the figure, the answer, and a cell for each of `RUNS`; see `strict_rows`."""
     return [
         [metric, answer, *(cell(runs[run][f"listen-{row}"]["part_3"][metric]) for run in RUNS)]
-        for metric in runs[""]["listen-2d"]["part_3"]
+        for metric in LISTEN_FIGURES
         for row, answer in ANSWERS.items()
     ]
 

@@ -18,7 +18,8 @@ from avs3d_bench.formats.files import write_json
 from avs3d_bench.formats.media import read_record
 from benchmarks.listener_summary import share
 
-_LISTEN = ("pair_accuracy", *PAIR_KINDS, "IoU", "FP_rate")
+#: Figures of ``listen`` that are kept.
+LISTEN_FIGURES = ("pair_accuracy", *PAIR_KINDS, "IoU", "FP_rate")
 
 
 def row_of(scores: Scores) -> dict[str, Any]:
@@ -34,7 +35,7 @@ def row_of(scores: Scores) -> dict[str, Any]:
 
 def _figures(group: GroupScores) -> dict[str, Any]:
     found = {}
-    for summary, names in ((group.strict, ("IoU",)), (group.listen, _LISTEN)):
+    for summary, names in ((group.strict, ("IoU",)), (group.listen, LISTEN_FIGURES)):
         if summary is None:
             continue
         for name in names:
