@@ -9,7 +9,7 @@ DEMO_STAMP := $(VENV)/.demo$(if $(LATEST),-latest)
 # The tested set: with hashes for every extra, and without hashes.
 TESTED := constraints.txt
 TESTED_VERSIONS := avs3d_bench/runtime/tested_versions.txt
-EXTRAS := generate,baselines,train,cluster,inspect,exports,sofa,dev,docs
+EXTRAS := generate,baselines,train,cluster,inspect,exports,get,sofa,dev,docs
 MANIFEST ?= scenes_manifest/open-s34-o7.yaml
 NAME := $(basename $(notdir $(MANIFEST)))
 OUT ?= data/$(NAME)
@@ -36,7 +36,7 @@ VISION ?=
 # What draws the pictures, bakes the light and, with AUDIO=tracer, traces the sound: cpu or cuda (docs/gpu.md).
 DEVICE ?= cpu
 
-.PHONY: help setup demo demo-validate demo-sheets demo-listener dataset listener test test-slow test-all test-latest lock lint docs bench schemas docs-tables clean
+.PHONY: help setup demo demo-validate demo-sheets demo-listener dataset release-demo listener test test-slow test-all test-latest lock lint docs bench schemas docs-tables clean
 
 help: ## print one line for each target
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -137,6 +137,12 @@ $(DEMO_SCORES) demo-score-listener: demo-score-%:
 	$(BIN)/avs3d-eval data/demo-submissions/$* --dataset data/demo --workers 1 \
 	  --json data/demo-scores/$*.json --html data/demo-scores/$*.html
 
+# Every kind of observation at a size that is quickly downloaded: below 60 MB.
+release-demo: $(DEMO_STAMP) ## generate a small dataset of six observations and release it into data/release-demo
+	$(BIN)/avs3d generate scenes_manifest/demo.yaml -o data/demo-small --size 252 --frames 12 --workers $(WORKERS) $(WITH_AUDIO)
+	$(BIN)/avs3d validate data/demo-small --deep --workers $(WORKERS)
+	$(BIN)/avs3d release data/demo-small -o data/release-demo --workers $(WORKERS)
+
 dataset: setup ## generate and validate the benchmark: MANIFEST=… OUT=… WORKERS=… VISION=… AUDIO=… DEVICE=… OPTIONS=…
 	$(if $(filter cuda,$(DEVICE)),$(PIP) $(PINNED) -e '.[cuda]')
 	$(BIN)/avs3d generate $(MANIFEST) -o $(OUT) $(WITH_AUDIO) --device $(DEVICE) \
@@ -149,17 +155,22 @@ listener: setup ## make the training data, train the listener, make the test set
 
 # Each module is compiled once, not by each of the hundreds of programs that tests start, whatever the shell says.
 test test-slow test-all: export PYTHONDONTWRITEBYTECODE =
+# And each kernel of numba, not by every process at once.
+KERNELS = -@$(BIN)/python -m tests.support.compile_kernels
 
 test: setup ## run the fast tests, before each commit
+	$(KERNELS)
 	$(PYTEST) -m "not slow"
 
 test-slow: setup ## run the slow tests: engines, browser, cluster, faults, full-size data
+	$(KERNELS)
 	$(PYTEST) -m slow
 
 test-latest: ## run the fast tests against the newest versions of all packages, in ./.venv-latest
 	$(MAKE) --no-print-directory test VENV=.venv-latest LATEST=1
 
 test-all: setup ## run all tests
+	$(KERNELS)
 	$(PYTEST)
 
 lint: setup ## check style, types and the documentation site

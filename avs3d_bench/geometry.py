@@ -145,6 +145,36 @@ def direction_to(pose: Pose, point: ArrayLike) -> Direction:
     )
 
 
+def ambisonic_axes(directions: ArrayLike) -> Array:
+    """Directions (..., 3) in the head's frame (x right, y up, z backward) in the axes of AmbiX (forward, left, up)."""
+    d = np.asarray(directions, dtype=np.float64)
+    return np.stack([-d[..., 2], -d[..., 0], d[..., 1]], axis=-1)
+
+
+def spherical_harmonics(directions: ArrayLike, order: int) -> Array:
+    """(n, (order + 1)²) real spherical harmonics, ACN order and SN3D, of unit vectors (n, 3) in AmbiX axes.
+
+    The squares of the 2l + 1 harmonics of a degree l add up to 1 in every direction. There is no Condon–Shortley phase.
+    """
+    x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
+    terms = [np.ones_like(x), y, z, x]
+    if order >= 2:
+        r3 = np.sqrt(3.0)
+        terms += [r3 * x * y, r3 * y * z, (3 * z * z - 1) / 2, r3 * x * z, r3 / 2 * (x * x - y * y)]
+    if order >= 3:
+        r58, r38, r15 = np.sqrt(5 / 8), np.sqrt(3 / 8), np.sqrt(15.0)
+        terms += [
+            r58 * y * (3 * x * x - y * y),
+            r15 * x * y * z,
+            r38 * y * (5 * z * z - 1),
+            z * (5 * z * z - 3) / 2,
+            r38 * x * (5 * z * z - 1),
+            r15 / 2 * z * (x * x - y * y),
+            r58 * x * (x * x - 3 * y * y),
+        ]
+    return np.stack(terms, axis=-1)
+
+
 def times_matrix(vectors: Array, matrix: Array) -> Array:
     """The product of row vectors (..., 3) and a matrix (3, 3), with the same bits on every processor.
 

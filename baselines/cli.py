@@ -25,6 +25,8 @@ _RATE = click.FloatRange(0.0, 1.0)
 #: `baselines.sound_control.SOUND_CONTROLS`, without the time that its import takes.
 _SOUND_CONTROLS = ("own", "none", "swapped-ears", "both-ears-mean", "same-category", "other-category")
 _SOUND_HELP = "What it hears in place of the frame's own sound, to see what it takes from the sound."
+#: Of a file of answers.
+_ANSWERS = Signature(start=b'{"id":"q', marks=(b'","answer":"',))
 _F = TypeVar("_F", bound=Callable[..., Any])
 #: Options of `load_owod_bind`; the last one is shown first.
 _NETWORKS: dict[str, Callable[[Any], Any]] = {
@@ -251,6 +253,59 @@ def owod_bind(
         _done(write_owod_bind(Dataset(root), path, model, only=only, overwrite=overwrite, progress=progress))
 
 
+#: Networks of `foundation`, in the order in which help shows them.
+_FOUNDATION = {"clap": "CLAP", "sam3": "SAM 3", "grounding-dino": "Grounding DINO", "sam2": "SAM 2"}
+
+
+def _foundation_options(command: _F) -> _F:
+    """A folder for each network; the command gets them as one, ``folders``."""
+
+    @wraps(command)
+    def gathered(*args: Any, **kwargs: Any) -> Any:
+        folders = {kind: kwargs.pop(f"{kind.replace('-', '_')}_checkpoint") for kind in _FOUNDATION}
+        return command(*args, folders=folders, **kwargs)
+
+    decorated: Any = gathered
+    for kind, name in reversed(_FOUNDATION.items()):
+        decorated = click.option(f"--{kind}-checkpoint", type=PATH, help=f"Folder of {name}.")(decorated)
+    return decorated  # type: ignore[no-any-return]
+
+
+@baseline.command(short_help="A sound is named, its name segmented, and both ears choose.")
+@_common
+@_foundation_options
+@click.option(
+    "--segmenter", type=click.Choice(["sam3", "grounded-sam2"]), default="sam3", show_default=True,
+    help="grounded-sam2 is Grounding DINO with SAM 2, whose weights need no licence to be accepted.",
+)  # fmt: skip
+@click.option("--device", default=None, help="cpu, cuda:0, … [CUDA where there is one].")
+@click.option("--dry-run", is_flag=True, help="Print what would be loaded, and stop.")
+def foundation(
+    root: Path,
+    path: Path,
+    only: tuple[str, ...],
+    overwrite: bool,
+    folders: dict[str, Any],
+    segmenter: Any,
+    device: str | None,
+    dry_run: bool,
+) -> None:
+    """Run foundation models: CLAP names the sound, SAM 3 segments the name, poses join, both ears choose.
+
+    Checkpoints are local folders; nothing is downloaded. In part_3 categories/ is written as well.
+    """
+    from avs3d_bench.dataset import Dataset
+    from baselines.foundation import run
+
+    if dry_run:
+        for line in run.dry_run(segmenter, folders):
+            click.echo(line)
+        return
+    model = run.load_foundation(segmenter=segmenter, folders=folders, device=device)
+    progress = sys.stderr.isatty()
+    _done(run.write_foundation(Dataset(root), path, model, only=only, overwrite=overwrite, progress=progress))
+
+
 @baseline.command(short_help="Where self-supervised features of picture and sound agree.")
 @_common
 @click.option("--checkpoint", type=PATH, help="Folder of DenseAV.")
@@ -418,6 +473,24 @@ def echosegnet(
             _done(writer)
     else:
         _done(write_echosegnet(Dataset(root), path, source, settings, **shared))
+
+
+@baseline.command(short_help="Answers to the questions of `avs3d export qa`, by ear.")
+@click.option("--questions", type=PATH, metavar="DIR", required=True, help="What `avs3d export qa` wrote.")
+@click.option("-o", "--output", type=OutputFile(_ANSWERS), metavar="FILE", required=True, help="Answers, JSON lines.")
+@click.option(
+    "--solver", type=click.Choice(["spatial", "blind", "deaf"]), default="spatial", show_default=True,
+    help="Ears that know where marked objects are, the same without eyes, or eyes without ears.",
+)  # fmt: skip
+def questions(questions: Path, output: Path, solver: str) -> None:
+    """Answer questions about what is heard from interaural delay and coherence. No model is asked.
+
+    `avs3d qa-score` scores the answers. The same questions give the same bytes.
+    """
+    from baselines.questions import write_answers
+
+    count = write_answers(solver, questions, output, progress=sys.stderr.isatty())
+    click.echo(f"{output}: {count:,} answers of {solver}")
 
 
 @dataclass(frozen=True)

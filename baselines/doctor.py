@@ -40,6 +40,10 @@ OPTIONS = {
     "imagebind": "owod-bind --similarity-checkpoint",
     "pe-av": "owod-bind --similarity-checkpoint",
     "denseav": "denseav --checkpoint",
+    "clap": "foundation --clap-checkpoint",
+    "sam3": "foundation --sam3-checkpoint",
+    "grounding-dino": "foundation --grounding-dino-checkpoint",
+    "sam2": "foundation --sam2-checkpoint",
 }
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.dataset import Dataset, Frame
+from avs3d_bench.measures.centre_box import centre_box as middle_half
 from avs3d_bench.method import Method, write_submission
 from avs3d_bench.submission import SubmissionWriter, frame_size
 
@@ -31,13 +32,9 @@ def all_white(height: int, width: int) -> Mask:
 
 
 def centre_box(height: int, width: int) -> Mask:
-    """(H, W) True in the middle half of rows and columns, a quarter of the area.
-
-    Rows H // 4 to H − H // 4 and columns W // 4 to W − W // 4 (the end not included): a side of odd length, or of no
-    multiple of four, gets a box that is centred and up to two pixels longer than its half (5 of 7, 4 of 6, 3 of 5).
-    """
+    """(H, W) True in the middle half of rows and columns (`avs3d_bench.measures.centre_box`)."""
     mask = all_black(height, width)
-    mask[height // 4 : height - height // 4, width // 4 : width - width // 4] = True
+    mask[middle_half(height, width)] = True
     return mask
 
 

@@ -4,7 +4,8 @@
     python -m benchmarks.docs_tables --check    # name those that are not current
 
 A table stands between ``<!-- NAME -->`` and ``<!-- end of NAME -->``; `BLOCKS` says which page has which. The pages of
-the listener (`benchmarks.listener_page`) and the paper's tables (`avs3d tables`) are written as a whole.
+the listener (`benchmarks.listener_page`), the leaderboard (`benchmarks.leaderboard_page`) and the paper's tables
+(`avs3d tables`) are written as a whole.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from typing import Any
 
 import click
 
+from avs3d_bench.contract.questions import KindScore, QaScores
 from avs3d_bench.contract.scores import PAIR_KINDS, GroupScores, Scores
 from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.errors import Avs3dError
@@ -26,6 +28,7 @@ from baselines.references import REFERENCES
 from benchmarks import (
     comparison_power,
     home_coverage,
+    leaderboard_page,
     listener_page,
     listener_seeds,
     receivers,
@@ -132,14 +135,31 @@ class Results:
         rows = [[row, *(share(document["references"][row][name]) for name in names)] for row in REFERENCES]
         return f"{text(['row', *names], rows)}\n\n{scored_text(document)}"
 
+    def qa(self) -> str:
+        """Answers to questions without a language model."""
+        rows = {name: read_record(self.folder / f"qa-{name}.json", QaScores) for name in ("spatial", "blind", "deaf")}
+        first = rows["spatial"]
+        found: dict[str, dict[str, KindScore]] = {
+            **{kind: {name: row.kinds[kind] for name, row in rows.items()} for kind in first.kinds},
+            "all": {name: row.overall for name, row in rows.items()},
+        }
+        lines = [
+            [kind, str(by["spatial"].lines), share(by["spatial"].chance),
+             *(f"{share(one.accuracy)} / {share(one.pair_accuracy)}" for one in by.values())]
+            for kind, by in found.items()
+        ]  # fmt: skip
+        source = f"Accuracy / pair accuracy on {first.overall.groups} groups of `{first.questions.dataset}` "
+        return f"{text(['kind', 'lines', 'chance', *rows], lines)}\n\n{source}{first.questions.dataset_version}."
+
     def separability(self) -> str:
         """Seconds and takes that recognisers assign to the right category."""
         head = ["recogniser", "asked about", *separability.CHANGES]
         return text(head, separability.shares_table(self.json("separability")))
 
     def confusions(self) -> str:
-        """What the network takes the test voices for."""
-        found = self.json("separability")["network"]["test"]["whole"]
+        """What the network, or the nearest neighbour where none was trained, takes the test voices for."""
+        report = self.json("separability")
+        found = report.get("network", report["nearest neighbour"])["test"]["whole"]
         return text(["sounds \\ taken for", *CATEGORIES], separability.confusions_table(found))
 
     def listener_sounds(self) -> str:
@@ -394,6 +414,7 @@ def blocks(docs: Path) -> dict[str, list[tuple[str, Callable[[], str]]]]:
         "docs/generator.md": [("speed", lambda: speed(docs / "bench.json"))],
         "docs/listener-training.md": [("curve", own.curve)],
         "docs/official.md": [("table 2", own.paper_methods), ("table 3", own.paper_thresholds)],
+        "docs/export-qa.md": [("qa", own.qa)],
         "docs/protocol-listen.md": [("guesses", own.guesses), ("references", own.references)],
         "docs/receivers.md": [("near sources", near_sources)],
         "docs/results.md": [
@@ -443,7 +464,7 @@ def texts(root: Path = ROOT) -> dict[Path, str]:
     """
     docs = root / "docs"
     found = listener_page.pages(docs / "results", docs / "listener-results.md", docs / "images")
-    found |= paper_tables(docs / "results")
+    found |= paper_tables(docs / "results") | leaderboard_page.pages(docs)
     for name, made in blocks(docs).items():
         page = (root / name).read_text(encoding="utf-8")
         for block, make in made:

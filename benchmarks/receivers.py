@@ -18,10 +18,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import eval_legendre, spherical_jn, spherical_yn
 
+from avs3d_bench.geometry import ambisonic_axes, spherical_harmonics
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.hrtf import HEAD_RADIUS
 from generators.acoustics.tracer.arrivals import BANDS, Arrivals
-from generators.acoustics.tracer.receivers.ambisonics import Ambisonics, ambisonic_axes, spherical_harmonics
+from generators.acoustics.tracer.receivers.ambisonics import Ambisonics
 from generators.acoustics.tracer.receivers.base import Receiver
 from generators.acoustics.tracer.receivers.measured import SofaHead
 from generators.acoustics.tracer.receivers.sofa import read_hrirs

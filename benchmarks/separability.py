@@ -9,8 +9,8 @@ which the answers are averaged. A benchmark whose sounds a fingerprint solves wo
 whose sounds say nothing of real ones would be at chance, 14 %, on recordings. A third recogniser has nothing but the
 mean spectrum from 10 to 20 kHz. The nearest neighbour's training seconds pass the same filter as those that are asked
 about; the network is trained once, on spectra that end at random frequencies. It is also asked about each training
-voice after training on the others, which says how much of a miss is the distance between any two voices. Rows of
-FILE.json that a run does not make are kept.
+voice after training on the others, which says how much of a miss is the distance between any two voices. FILE.json
+holds one run, so that all its rows have one size.
 """
 
 from __future__ import annotations
@@ -24,11 +24,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import dct, rfft
 from scipy.signal import butter, fftconvolve, sosfilt
+from scipy.signal.windows import blackmanharris
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
 from avs3d_bench.contract.taxonomy import CATEGORIES
-from avs3d_bench.formats.files import read_json, write_json
+from avs3d_bench.formats.files import write_json
 from avs3d_bench.runtime.parallel import process_each
 from benchmarks.voices import recordings
 from generators.assets.sounds import synthesise, voices
@@ -48,6 +50,12 @@ _BATCH = 128
 MELS, HOP, WINDOW = 64, 441, 2048
 #: Bands whose modulation is a feature, and edges of the bands of modulation (in bins of about 1 Hz).
 MODULATED, MODULATION_BINS = 8, (1, 2, 3, 5, 9, 17, 33, 48)
+#: Bands of the coarse spectrum, coefficients of cosine transforms over the bands, longest lag (hops).
+COARSE, CEPSTRUM, LAGS = 16, 12, 58
+#: What lies further below the loudest (powers of ten) counts as silence: some recordings are gated to nothing.
+DEPTH = 6.0
+#: Neighbours that are asked.
+NEIGHBOURS = 15
 #: Added to the modulation before its logarithm is taken: what steady noise has.
 MODULATION_FLOOR = 0.3
 #: Share of clips with reverberation, decay times (s) and direct-to-reverberant ratios (dB).
@@ -156,31 +164,80 @@ def _mel_bank() -> Array:
 
 
 def features(clips: Array) -> Array:
-    """(n, 248) mean, spread and fast change of every mel band; the modulation spectrum of eight wide bands."""
-    mel = log_mel(clips).astype(np.float64)
+    """(n, 190) features of clips (n, 44100) that depend on no level.
+
+    The coarse spectrum re its mean; spread, fast change and unevenness of the mel bands; modulation spectra of eight
+    wide bands and of the whole; the autocorrelation of the envelope up to .6 s; lines that stand out of their third of
+    an octave (as the prominence of tones in ISO 7779).
+    """
+    parts = [_of_spectrogram(log_mel(part).astype(np.float64)) for part in _chunks(clips)]
+    return np.concatenate([np.concatenate(parts), np.concatenate([_lines(part) for part in _chunks(clips)])], axis=1)
+
+
+def _chunks(clips: Array) -> list[Array]:
+    return np.array_split(clips, -(-len(clips) // 256))
+
+
+def _of_spectrogram(mel: Array) -> Array:
+    mel = np.maximum(mel, mel.max(axis=(1, 2), keepdims=True) - DEPTH)
+    mean = mel.reshape(len(mel), COARSE, -1, mel.shape[2]).mean(axis=(2, 3))
+    spread = dct(mel.std(axis=2), axis=1, norm="ortho")[:, :CEPSTRUM]
+    change = dct(np.abs(np.diff(mel, axis=2)).mean(axis=2), axis=1, norm="ortho")[:, :CEPSTRUM]
+    uneven = np.abs(np.diff(mel, 2, axis=1)).mean(axis=2)[:, :60].reshape(len(mel), 12, 5).mean(axis=2)
     wide = mel.reshape(len(mel), MODULATED, -1, mel.shape[2]).mean(axis=2)
-    course = (wide - wide.mean(axis=2, keepdims=True)) * np.hanning(mel.shape[2])
-    swing = np.abs(np.fft.rfft(course, axis=2))
+    whole = np.log10((10**mel).sum(axis=1, keepdims=True))
+    modulation = [_modulation(course) for course in (wide, whole)]
+    course = (whole - whole.mean(axis=2, keepdims=True))[:, 0]
+    repeated = np.fft.irfft(np.abs(np.fft.rfft(course, 256, axis=1)) ** 2)[:, : LAGS + 2]
+    repeated = (repeated / (repeated[:, :1] + 0.05))[:, 2::2]
+    centred = mean - mean.mean(axis=1, keepdims=True)
+    return np.concatenate([centred, spread, change, uneven, *modulation, repeated], axis=1)
+
+
+def _modulation(course: Array) -> Array:
+    """(n, bands · modulations) logarithms of the modulation spectrum of levels (n, bands, frames)."""
+    frames = course.shape[2]
+    swing = np.abs(np.fft.rfft((course - course.mean(axis=2, keepdims=True)) * np.hanning(frames), axis=2))
     bands = [swing[:, :, low:high].mean(axis=2) for low, high in pairwise(MODULATION_BINS)]
-    modulation = np.log(np.stack(bands, axis=2) + MODULATION_FLOOR).reshape(len(mel), -1)
-    change = np.abs(np.diff(mel, axis=2)).mean(axis=2)
-    return np.concatenate([mel.mean(axis=2), mel.std(axis=2), change, modulation], axis=1)
+    return np.log(np.stack(bands, axis=2) + MODULATION_FLOOR).reshape(len(course), -1)
+
+
+def _lines(clips: Array) -> Array:
+    """(n, 46) per third of an octave: level of the highest line (dB re the median) and share of bins 14 dB above it."""
+    window = blackmanharris(clips.shape[1]).astype(np.float32)
+    power = np.abs(rfft(clips.astype(np.float32) * window, axis=1)) ** 2
+    frequencies = np.fft.rfftfreq(clips.shape[1], 1 / SAMPLE_RATE)
+    highest, share = [], []
+    for low, high in pairwise(np.geomspace(45.0, 9000.0, 24)):
+        band = 10 * np.log10(power[:, (frequencies >= low) & (frequencies < high)] + 1e-9)
+        above = band - np.median(band, axis=1, keepdims=True)
+        highest.append(above.max(axis=1))
+        share.append((above > 14.0).mean(axis=1))
+    return np.stack(highest + share, axis=1)
 
 
 def nearest(known: Array, labels: NDArray[np.int64], asked: Array) -> Array:
-    """(n, categories) the category of the nearest training second, by standardised `features`.
+    """(n, categories) shares of the categories among the nearest training seconds.
+
+    Distances are those of a linear discriminant analysis of the standardised `features` (six axes, covariances shrunk
+    by a tenth).
 
     Args:
         known: (m, features) of the training seconds.
         labels: (m,) numbers of their categories.
         asked: (n, features).
     """
+    from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
     from sklearn.neighbors import KNeighborsClassifier
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
 
-    model = make_pipeline(StandardScaler(), KNeighborsClassifier(1)).fit(known, labels)
-    return np.asarray(np.eye(len(CATEGORIES))[model.predict(asked)])
+    axes = LinearDiscriminantAnalysis(solver="eigen", shrinkage=0.1)
+    neighbours = KNeighborsClassifier(min(NEIGHBOURS, len(known)), weights="distance")
+    model = make_pipeline(StandardScaler(), axes, neighbours).fit(known, labels)
+    out = np.zeros((len(asked), len(CATEGORIES)))
+    out[:, model.classes_] = model.predict_proba(asked)
+    return out
 
 
 class _Network:
@@ -402,8 +459,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     }
     sets["recordings"] = of_recordings(options.recordings, 3)
     report = measure(train, sets, cnn=options.cnn)
-    before = read_json(options.output) if options.output.exists() else {}
-    write_json(options.output, before | report)
+    write_json(options.output, report)
     for name, sets in report.items():
         for which, changes in sets.items():
             shares = ", ".join(f"{change} {v['seconds']:.2f} ({v['takes']:.2f})" for change, v in changes.items())

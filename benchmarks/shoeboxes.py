@@ -1,8 +1,11 @@
 """Shoeboxes: our engines and pyroomacoustics beside Eyring's formula and exact image sources.
 
-    python -m benchmarks.shoeboxes
+    python -m benchmarks.shoeboxes [--acoustic-spaces PROGRAM]
 
-pyroomacoustics is measured if it is installed (pip install pyroomacoustics); it is no dependency. All walls of a box
+pyroomacoustics is measured if it is installed (pip install pyroomacoustics); it is no dependency. acoustic-spaces
+(GPL-3.0) is measured if its program is given: install it in an environment of its own (python -m venv E; E/bin/pip
+install acoustic-spaces) and pass E/bin/acoustic-spaces. It runs as a separate program: a scene file goes in, WAV files
+come out; its CPU time is that of the whole program, for four listeners, divided by four. All walls of a box
 have one absorption and a scattering of 0.1. "Early" is the largest error of the level (dB) of the first 20 image
 sources, against 1/r·(1 − α)^(n/2)·(1 − s)^(n/2), the engine's scattering taken off; "T30" is the mean of 500 Hz and
 1 kHz over four listeners; "CPU" the seconds of one response after the first, compilation left out.
@@ -11,13 +14,18 @@ sources, against 1/r·(1 − α)^(n/2)·(1 − s)^(n/2), the engine's scattering
 from __future__ import annotations
 
 import argparse
+import resource
+import subprocess
+import tempfile
 import time
 from collections.abc import Callable
 from functools import partial
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
 from avs3d_bench.geometry import Pose
@@ -30,6 +38,8 @@ from generators.acoustics.tracer.air import energy_exponents
 F64 = NDArray[np.float64]
 
 RATE, SCATTERING = 44_100, 0.1
+#: Rays of the other programs (acoustic-spaces: in each octave); our tracer's own number follows from the room.
+RAYS = 10_000
 BOXES = (((6.0, 2.7, 4.0), 0.1), ((6.0, 2.7, 4.0), 0.3), ((3.0, 2.4, 2.5), 0.2), ((12.0, 4.0, 9.0), 0.15))
 SOURCE_SHARE = (0.25, 0.55, 0.4)
 LISTENER_SHARES = ((0.7, 0.5, 0.6), (0.55, 0.6, 0.8), (0.8, 0.45, 0.3), (0.4, 0.5, 0.75))
@@ -83,7 +93,7 @@ def of_pyroomacoustics(size: F64, alpha: float, source: F64) -> Callable[[F64], 
         room: Any = pyroomacoustics.ShoeBox(
             size, fs=RATE, materials=material, max_order=3, ray_tracing=True, air_absorption=True
         )
-        room.set_ray_tracing(receiver_radius=0.35, n_rays=10_000)
+        room.set_ray_tracing(receiver_radius=0.35, n_rays=RAYS)
         room.add_source(source)
         room.add_microphone(listener)
         room.compute_rir()
@@ -92,12 +102,66 @@ def of_pyroomacoustics(size: F64, alpha: float, source: F64) -> Callable[[F64], 
     return respond
 
 
+def of_acoustic_spaces(
+    program: Path, size: F64, alpha: float, source: F64, listeners: list[F64]
+) -> tuple[float, float]:
+    """CPU seconds per response and mean T30 in s of acoustic-spaces: images to the third order, then rays.
+
+    Its axes have Z up; all walls being alike, height and depth change places.
+    """
+    import soundfile
+    import yaml
+
+    def placed(point: F64) -> list[float]:
+        return [float(point[axis]) for axis in (0, 2, 1)]
+
+    box = trimesh.creation.box(bounds=[[0.0, 0.0, 0.0], placed(size)])
+    box.invert()  # its normals point into the room
+    usual = {"absorption": [alpha] * 8, "scattering": [SCATTERING] * 8}
+    document = {
+        "name": "box",
+        "geometry": {"file": "box.obj", "units": "m"},
+        "materials": {"wall": usual},
+        "assignments": {"walls": "wall"},
+        "sources": [{"name": "s", "position": placed(source), "directivity": "omni"}],
+        "listeners": [{"name": f"l{number}", "position": placed(each)} for number, each in enumerate(listeners)],
+        "air": {"temperature_c": 20, "humidity_percent": 50},
+        "simulation": {
+            "early": {"method": "ray_tracing", "max_order": 3},
+            "late": {"method": "stochastic_ray_tracing", "rays": RAYS},
+            "ir_length_s": 2.5,
+            "sample_rate": RATE,
+            "performance": {"threads": 1},
+        },
+        "outputs": ["mono"],
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder)
+        faces = "\n".join(f"f {a} {b} {c}" for a, b, c in box.faces + 1)
+        corners = "\n".join(f"v {x!r} {y!r} {z!r}" for x, y, z in box.vertices.tolist())
+        (place / "box.obj").write_text(f"{corners}\ng walls\n{faces}\n", encoding="utf-8")
+        (place / "scene.yaml").write_text(yaml.safe_dump(document), encoding="utf-8")
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        command = [str(program), "simulate", str(place / "scene.yaml"), "--out", str(place / "out")]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise SystemExit(f"{program}: {(done.stderr or done.stdout).strip()[-300:]}")
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        found = [soundfile.read(path, always_2d=True)[0].T for path in sorted((place / "out").rglob("*.wav"))]
+    if len(found) != len(listeners):
+        raise SystemExit(f"{program}: wrote {len(found)} WAV files, expected {len(listeners)}; its layout has changed")
+    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return seconds / len(listeners), float(np.mean([t30_of(each) for each in found]))
+
+
 def main() -> None:
     """Print one line per box and engine."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.parse_args()
+    parser.add_argument("--acoustic-spaces", type=Path, help="the program of acoustic-spaces, in its own environment")
+    parser.add_argument("--boxes", type=int, default=len(BOXES), help="the first so many boxes alone")
+    given = parser.parse_args()
     print(f"{'box (m)':16} {'α':>5} {'engine':16} {'CPU (s)':>8} {'T30 (s)':>8} {'Eyring':>7} {'early (dB)':>10}")
-    for edges, alpha in BOXES:
+    for edges, alpha in BOXES[: given.boxes]:
         size = np.array(edges)
         source, listeners = size * SOURCE_SHARE, [size * share for share in LISTENER_SHARES]
         room = acoustics.Room.shoebox(size, {"*": {"absorption": alpha, "scattering": SCATTERING}})
@@ -113,11 +177,13 @@ def main() -> None:
         arrivals = tracer.response(room, source, listeners[0], acoustics.Omni()).arrivals
         assert arrivals is not None
         early = {"Tracer": early_error(arrivals, box, source, listeners[0])}
-        for name, respond in engines.items():
-            seconds, time_60 = measured(respond, listeners)
+        results = {name: measured(respond, listeners) for name, respond in engines.items()}
+        if given.acoustic_spaces is not None:
+            results["acoustic-spaces"] = of_acoustic_spaces(given.acoustic_spaces, size, alpha, source, listeners)
+        for name, (seconds, time_60) in results.items():
             error = f"{early[name]:10.3f}" if name in early else " " * 10
             place = "×".join(f"{edge:g}" for edge in edges)
-            print(f"{place:16} {alpha:5.2f} {name:16} {seconds:8.2f} {time_60:8.3f} {closed:7.3f} {error}")
+            print(f"{place:16} {alpha:5.2f} {name:16} {seconds:8.2f} {time_60:8.3f} {closed:7.3f} {error}", flush=True)
 
 
 if __name__ == "__main__":

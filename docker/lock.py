@@ -4,7 +4,7 @@
 
 Writes, from the bounds of pyproject.toml:
 
-- constraints.txt: every extra, on Linux x86-64 with each of `PYTHONS`; each file with its sha256;
+- constraints.txt: every extra but `UNTESTED`, on Linux x86-64 with each of `PYTHONS`; each file with its sha256;
 - avs3d_bench/runtime/tested_versions.txt: the same versions without hashes, for other platforms and for `avs3d doctor`;
 - docker/*.txt: what a container image needs of it.
 
@@ -25,6 +25,8 @@ HASHED = ROOT / "constraints.txt"
 VERSIONS = ROOT / "avs3d_bench/runtime/tested_versions.txt"
 #: Versions of Python that the set is resolved for; one set must serve all of them.
 PYTHONS = ("3.11", "3.12", "3.13")
+#: Extras that are no part of the tested set; pyproject.toml says why.
+UNTESTED = ("qa",)
 #: File of an image → the extras that it has; None: what builds this project.
 IMAGES: dict[str, tuple[str, ...] | None] = {
     "docker/build.txt": None,
@@ -68,7 +70,7 @@ def resolve(known: str, python: str, extras: Sequence[str] | None, options: Sequ
     Args:
         known: requirements whose versions are kept where ``options`` do not say otherwise.
         python: ``3.11``.
-        extras: of this project; ``("*",)`` for all; None for what builds it.
+        extras: of this project; ``("*",)`` for all but `UNTESTED`; None for what builds it.
         options: more options of ``uv pip compile``.
 
     Returns:
@@ -91,7 +93,8 @@ def resolve(known: str, python: str, extras: Sequence[str] | None, options: Sequ
             command.append(str(build))
         else:
             command.append(str(ROOT / "pyproject.toml"))
-            command += ["--all-extras"] if "*" in extras else [f"--extra={extra}" for extra in extras]
+            every = ["--all-extras", *(f"--no-extra={extra}" for extra in UNTESTED)]
+            command += every if "*" in extras else [f"--extra={extra}" for extra in extras]
         subprocess.run(command, check=True)
         return output.read_text(encoding="utf-8")
 

@@ -19,6 +19,7 @@ from avs3d_bench.contract.taxonomy import PARTS
 from avs3d_bench.errors import UsageError
 from evaluators.reading.convention_names import CONVENTIONS
 from evaluators.reporting.signatures import (  # fmt: skip
+    BOARD,
     COMPARISON,
     FACTORS,
     FACTORS_CSV,
@@ -275,11 +276,13 @@ def verify(
     "--verified", multiple=True, type=PATH, metavar="RECORD.json",
     help="A record of avs3d verify --json that you made: marks the file of scores that it confirms. Repeatable.",
 )  # fmt: skip
-def leaderboard(scores: tuple[Path, ...], folder: Path, verified: tuple[Path, ...]) -> None:
+@click.option("--json", "json_file", type=OutputFile(BOARD), metavar="FILE",
+              help="Write the tables to this file as well.")  # fmt: skip
+def leaderboard(scores: tuple[Path, ...], folder: Path, verified: tuple[Path, ...], json_file: Path | None) -> None:
     """Rank any number of files of scores (avs3d-eval --json) on one static page, with links to their reports."""
     from evaluators.reporting.leaderboard import write_leaderboard
 
-    for note in write_leaderboard(folder, scores, verified):
+    for note in write_leaderboard(folder, scores, verified, json_file):
         click.echo(f"avs3d leaderboard: note: {note}", err=True)
     click.echo(str(folder / "index.html"))
 

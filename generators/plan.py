@@ -172,6 +172,8 @@ class ObservationPlan:
         }
         if spec.twins != "apart":
             document["twins"] = spec.twins
+        if spec.agent != "walking":
+            document["agent"] = spec.agent
         if self._variants:
             document["variants"] = self._variants
         return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import gc
+import os
+import shutil
 import signal
+import tempfile
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -12,7 +15,7 @@ from typing import TYPE_CHECKING
 import pytest
 from hypothesis import settings
 
-from tests.support import tiny, tiny_scenes
+from tests.support import once, tiny, tiny_scenes
 from tests.support.shared import SharedDatasets
 
 if TYPE_CHECKING:
@@ -37,6 +40,13 @@ MARKED = {
 }
 
 
+#: Files whose runs on one worker have no process of their own. What a process is for, others test (test_generate).
+HERE = {
+    "test_distractors", "test_generation", "test_library_generate", "test_motion", "test_part_3", "test_receivers_run",
+    "test_regenerate", "test_remake", "test_sweep", "test_takes", "test_variants",
+}  # fmt: skip
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark tests by what they need, so that `pytest -m "not browser"` leaves them out."""
     for item in items:
@@ -53,12 +63,28 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Let the programs that tests start hear Ctrl-C.
+    """Let the programs that tests start hear Ctrl-C; make the folder of what is made once for all processes.
 
     A worker of pytest-xdist ignores SIGINT, and a program that is started by it would inherit that.
     """
     if hasattr(config, "workerinput"):
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    else:
+        folder = tempfile.mkdtemp(prefix="avs3d-tests-", dir=os.environ.get("PYTEST_DEBUG_TEMPROOT"))
+        os.environ[once.FOLDER] = folder
+        config.add_cleanup(partial(shutil.rmtree, folder, ignore_errors=True))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _here(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Runs of the files `HERE`."""
+    if request.path.stem not in HERE:
+        yield
+        return
+    from tests.support.here import generated_here
+
+    with generated_here():
+        yield
 
 
 @pytest.fixture(scope="session")

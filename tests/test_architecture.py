@@ -136,7 +136,7 @@ HOUSE = {
         "validation": "errors geometry runtime contract formats dataset measures commands sealing",
         "validate": "commands validation",
         "scheduling": "errors runtime contract formats commands",
-        "exports": "errors runtime contract formats dataset measures commands sealing",
+        "exports": "errors geometry runtime contract formats dataset measures commands sealing",
         "inspector": "errors geometry text runtime contract formats dataset submission measures commands",
         "cli": "errors text runtime formats dataset commands validation validate exports inspector",
         "__main__": "cli",
@@ -161,12 +161,13 @@ HOUSE = {
         "homes": "core assets lighting apartments scans plan",
         "observation": "core assets vision acoustics options backends objects placement paths scenes manifest library "
         "plan homes",
-        "run": "core assets vision acoustics options backends scans manifest library plan homes observation",
+        "run": "core assets vision acoustics options backends scans scenes manifest library plan homes observation",
         "sampling": "core assets options apartments placement paths manifest library plan observation",
         "surveying": "core assets scans vision options placement manifest library plan observation sampling",
         "cli": "core options manifest plan run",
         "sealing": "options backends manifest plan observation run sampling cli",
         "home": "core lighting options scans scenes manifest plan homes surveying",
+        "responses": "core acoustics options scenes manifest plan homes observation run",
     },
     "evaluators": {
         "metrics": "",
@@ -179,6 +180,7 @@ HOUSE = {
         "reporting": "metrics reading statistics protocols summary",
         "verify": "reading score reporting",
         "competition": "reading score",
+        "questions": "statistics",
         "cli": "reading statistics score reporting verify",
     },
     "baselines": {
@@ -193,11 +195,14 @@ HOUSE = {
         "sound_control": "",
         "listener": "networks sound_control",
         "echosegnet": "oracle_errors oracle sound_control",
+        "foundation": "networks owod_bind echosegnet",
         "direction_alone": "listener echosegnet networks sound_control",
         "references": "oracle echosegnet",
         "reference_scores": "",
-        "cli": "oracle_errors oracle deaf trivial owod_bind denseav listener echosegnet direction_alone references "
-        "reference_scores",
+        "questions": "echosegnet references",
+        "questions_inspect": "questions",
+        "cli": "oracle_errors oracle deaf trivial owod_bind denseav foundation listener echosegnet direction_alone "
+        "references reference_scores questions",
     },
 }
 #: Folders of avs3d_bench that use each other: none.

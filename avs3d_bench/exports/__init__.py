@@ -7,9 +7,14 @@
 | `shard_paths`      | the tars of a folder, by split                                  | nothing              |
 | `decode_sample`    | what WebDataset yields, as arrays                               | nothing              |
 | `write_huggingface`| Parquet files and a card for `datasets.load_dataset`            | pyarrow, datasets    |
+| `write_qa`         | questions about what is heard, with exact answers               | nothing              |
 | `waveform`         | an undecoded audio value of `datasets`, as samples              | nothing              |
+| `write_seld`       | sound event localisation and detection: the layouts of DCASE    | av for films         |
+| `SeldSettings`     | what `write_seld` writes, and how                               | nothing              |
 | `write_croissant`  | a Croissant description                                         | nothing              |
 | `write_card`       | a dataset card                                                  | nothing              |
+| `write_release`    | archives to be hosted, with checksums, card and licences        | nothing              |
+| `get_release`      | download a release, check it and unpack it                      | pooch                |
 """
 
 import lazy_loader

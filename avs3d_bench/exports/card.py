@@ -236,8 +236,11 @@ def _opening(facts: CardFacts) -> str:
     made = ""
     if facts.record:
         engines = ", ".join(f"{name} {version}" for name, version in sorted(facts.record.backends.items()))
-        made = (
-            f"\nRendered with {engines} by avs3d-bench {facts.record.toolkit_version}; the manifest "
+        made = f"\nRendered with {engines} by avs3d-bench {facts.record.toolkit_version}; "
+        made += (
+            "a sealed test: manifest and truth are published when it ends, and `seal.json` commits to them."
+            if facts.record.sealed_test
+            else "the manifest "
             f"(sha256 `{facts.record.manifest_sha256[:16]}…`) is stored verbatim in the dataset's `dataset.json`, "
             "and the same manifest and engines give the same bytes."
         )

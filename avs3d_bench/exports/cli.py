@@ -13,7 +13,10 @@ import click
 from avs3d_bench import __version__
 from avs3d_bench.commands.click_options import PATH, WORKERS, Group, only_option
 from avs3d_bench.commands.outputs import OUTPUT_FOLDER, OutputFile
+from avs3d_bench.contract.questions import QUESTION_KINDS
+from avs3d_bench.exports.acoustics import RECEIVERS
 from avs3d_bench.exports.samples import EXTRA_KINDS, SPLIT_CHOICES
+from avs3d_bench.exports.seld.recordings import FORMATS
 from avs3d_bench.exports.shards import ShardIndex
 from avs3d_bench.exports.signatures import BUNDLE, CARD, CROISSANT
 
@@ -99,6 +102,42 @@ def huggingface(root: Path, folder: Path, **options: Any) -> None:
     _say(folder, write_huggingface(root, folder, progress=sys.stderr.isatty(), **options))
 
 
+@export.command(short_help="Recordings and labels for sound event localisation and detection.")
+@_ROOT
+@click.option("-o", "--output", "folder", type=OUTPUT_FOLDER, metavar="DIR", required=True, help="A new folder.")
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(FORMATS),
+    default="foa",
+    show_default=True,
+    help="foa: as STARSS23; stereo: as DCASE 2025; binaural: as stereo, but the two ears.",
+)
+@only_option
+@click.option("--test-home", "test", multiple=True, metavar="GLOB", help="Homes for testing; repeatable [a fifth].")
+@click.option("--gain-db", type=click.FloatRange(-60, 60), default=0.0, show_default=True, help="Raises all sound.")
+@click.option("--maps", is_flag=True, help="Acoustic energy maps as well: maps_dev/.")
+@click.option("--video", is_flag=True, help="Films as well: panoramas of 360° × 180°, or what a stereo clip looks at.")
+@click.option("--video-width", type=int, default=None, metavar="PX", help="Of a film [foa 360, else 640].")
+@click.option("--manifest", type=PATH, default=None, help="--video: the manifest's file, if it names files beside it.")
+@click.option("--hrtf", type=PATH, default=None, help="--video: the SOFA file with which the dataset was made, if any.")
+@click.option("--workers", type=WORKERS, default=None, help="Processes [one per core].")
+def seld(root: Path, folder: Path, workers: int | None, **options: Any) -> None:
+    """Write the dataset at ROOT for sound event localisation and detection: WAV at 24 kHz, labels every 100 ms.
+
+    The folders, names and columns are those that the baselines of the DCASE challenge read. Azimuth is positive to the
+    left there. The same dataset and options give the same bytes; DIR is written whole or not at all.
+    """
+    from avs3d_bench.exports.seld.write import SeldSettings, write_seld
+
+    index = write_seld(root, folder, SeldSettings(**options), workers=workers, progress=sys.stderr.isatty())
+    for split in sorted({record.split for record in index.recordings}):
+        chosen = [record for record in index.recordings if record.split == split]
+        seconds = sum(record.label_frames for record in chosen) / 10
+        click.echo(f"{split}: {len(chosen):,} recordings, {seconds:,.0f} s, {sum(r.events for r in chosen):,} labels")
+    click.echo(str(folder))
+
+
 @export.command(short_help="A Croissant description (JSON-LD).")
 @_ROOT
 @click.option(
@@ -128,6 +167,79 @@ def card(root: Path, output: Path) -> None:
     click.echo(str(output))
 
 
+@export.command(short_help="Impulse responses, positions, meshes and pictures of rooms.")
+@click.argument("source", type=PATH, metavar="ROOT|MANIFEST")
+@click.option("-o", "--output", "folder", type=OUTPUT_FOLDER, metavar="DIR", required=True, help="The folder.")
+@only_option
+@click.option("--spacing", type=float, default=0.5, show_default=True, metavar="M", help="Of the grid of listeners.")
+@click.option("--sources", type=int, default=4, show_default=True, metavar="N", help="Sources in each room.")
+@click.option(
+    "--absorption",
+    type=float,
+    multiple=True,
+    default=(1.0, 2.0),
+    show_default=True,
+    metavar="FACTOR",
+    help="Of every material's Eyring exponent: a room of other materials for each; repeatable.",
+)
+@click.option("--receiver", type=click.Choice(RECEIVERS), default="omni", show_default=True)
+@click.option("--sample-rate", type=int, default=16_000, show_default=True, metavar="HZ")
+@click.option("--pictures", type=int, default=12, show_default=True, metavar="N", help="Pictures in each room.")
+@click.option("--size", type=int, default=512, show_default=True, metavar="PX", help="Side of a picture.")
+@click.option("--device", type=click.Choice(["cpu", "cuda"]), default="cpu", show_default=True)
+@click.option("--manifest", type=PATH, default=None, help="Of ROOT, if its manifest names files beside it.")
+@click.option("--workers", type=WORKERS, default=None, help="Processes [one per core].")
+def acoustics(source: Path, folder: Path, **options: Any) -> None:
+    """Write the impulse responses of the rooms of a dataset or a manifest, to learn acoustic fields from.
+
+    Every room is heard from a grid of its walkable floor, with splits by position, home and material. The same rooms
+    and options give the same bytes; DIR is written whole or not at all (docs/export-acoustics.md).
+    """
+    from avs3d_bench.exports.acoustics import AcousticsSettings, describe, write_acoustics
+
+    record = write_acoustics(source, folder, AcousticsSettings(progress=sys.stderr.isatty(), **options))
+    for space in record.spaces:
+        count = f"{len(space.sources)} sources × {len(space.listeners)} listeners"
+        click.echo(f"{space.home}/{space.room}/{space.material}: {count}")
+    click.echo(f"{record.count:,} responses")
+    click.echo(describe(record))
+    click.echo(str(folder))
+
+
+@export.command(short_help="Questions about what is heard, with exact answers.")
+@_ROOT
+@click.option("-o", "--output", "folder", type=OUTPUT_FOLDER, metavar="DIR", required=True, help="The folder.")
+@click.option(
+    "--split", type=click.Choice(SPLIT_CHOICES), default="test", show_default=True, help="Frames asked about."
+)
+@click.option(
+    "--kind", "kinds", type=click.Choice(QUESTION_KINDS), multiple=True, help="Of questions; repeatable [all]."
+)
+@click.option(
+    "--per-group", type=click.IntRange(1), default=4, show_default=True, help="Questions of a kind in a group."
+)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all choices.")
+@only_option
+def qa(root: Path, folder: Path, **options: Any) -> None:
+    """Write questions about the groups of part_3 of the dataset at ROOT, as JSON lines with pictures and clips.
+
+    Every question is asked under several sounds, and each of its options is right under one of them: no answer that
+    ignores the sound is right more often than chance. The same data and options give the same bytes.
+    """
+    from avs3d_bench.exports.qa.write import QaOptions, write_qa
+
+    written = write_qa(root, folder, QaOptions(**options), progress=sys.stderr.isatty())
+    for kind, counts in written.kinds.items():
+        click.echo(
+            f"{kind}: {counts.lines:,} lines in {counts.sets:,} sets of {counts.groups} groups, chance "
+            f"{counts.chance:.3f}, best answer without sound {counts.chance + counts.prior_excess:.3f}"
+        )
+    for kind in options["kinds"] or QUESTION_KINDS:
+        if kind not in written.kinds:
+            click.echo(f"{kind}: nothing to ask: no group has siblings that differ in it")
+    click.echo(str(folder))
+
+
 @export.command(short_help="A competition bundle for Codabench.")
 @click.argument("public", type=PATH)
 @click.argument("private", type=PATH)
@@ -154,8 +266,17 @@ def card(root: Path, output: Path) -> None:
 @click.option("--max-submissions", type=click.IntRange(1), default=100, show_default=True, help="In the last phase.")
 @click.option("--image", type=PATH, default=None, metavar="FILE", help="Picture of the competition [one is drawn].")
 @click.option("--terms", type=PATH, default=None, metavar="FILE", help="Terms, Markdown [a general text].")
+@click.option("--approval", is_flag=True, help="Admit each participant by hand; without it, all who register.")
+@click.option("--practice", type=PATH, default=None, metavar="ROOT", help="A dataset with its truth, for the kit.")
+@click.option("--install", default=None, metavar="COMMAND", help="How participants install this [pip, this version].")
 def codabench(
-    public: Path, private: Path, output: Path, title: str | None, start: datetime | None, **options: Any
+    public: Path,
+    private: Path,
+    output: Path,
+    title: str | None,
+    start: datetime | None,
+    install: str | None,
+    **options: Any,
 ) -> None:
     """Write a competition for Codabench: participants get PUBLIC, the platform scores with the truth in PRIVATE.
 
@@ -166,6 +287,8 @@ def codabench(
     from avs3d_bench.exports.codabench import CompetitionSettings, write_codabench
 
     today = datetime.now(UTC).replace(hour=0, minute=0, second=0, microsecond=0, tzinfo=None)
+    if install is not None:
+        options["install"] = install
     settings = CompetitionSettings(title=title or Dataset(public).name, start=start or today, **options)
     written = write_codabench(public, private, output, settings)
     for phase in written.phases:

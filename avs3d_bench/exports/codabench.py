@@ -37,15 +37,17 @@ from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports.codabench_files import (
     Archive,
-    all_black,
+    check_practice,
     check_truth,
+    example_submission,
     public_files,
     reference_files,
     require_no_truth,
     scoring_program,
 )
 from avs3d_bench.exports.codabench_format import BUNDLE_YAML, MOST_IMAGE, MOST_TITLE, PICTURES, check_bundle
-from avs3d_bench.exports.codabench_pages import CompetitionFacts, logo, pages, terms
+from avs3d_bench.exports.codabench_kit import starting_kit
+from avs3d_bench.exports.codabench_pages import INSTALL, CompetitionFacts, logo, pages, terms
 from avs3d_bench.exports.signatures import BUNDLE
 from avs3d_bench.formats.files import atomic_path, read_bytes
 from avs3d_bench.measures.pair_kinds import pair_kind
@@ -55,7 +57,7 @@ _MASKS_PER_SECOND = 20
 #: The platform's default time limit of a run (s).
 _LEAST_LIMIT = 600
 _STARTING_KIT, _SOLUTION, _REFERENCE, _DATA = (
-    "starting_kit.zip", "all_black.zip", "reference_data.zip", "public_data.zip"
+    "starting_kit.zip", "example_submission.zip", "reference_data.zip", "public_data.zip"
 )  # fmt: skip
 
 
@@ -76,6 +78,9 @@ class CompetitionSettings:
         max_submissions: submissions of a participant in the last phase.
         image: picture file of the competition; None: one is drawn.
         terms: Markdown file with the terms; None: a general text.
+        approval: whether the organisers admit each participant; else all who register are admitted.
+        practice: root of a dataset with its truth, of other homes, which the starting kit holds; None: none.
+        install: how participants install this toolkit, as the pages say it.
     """
 
     title: str
@@ -90,6 +95,9 @@ class CompetitionSettings:
     max_submissions: int = 100
     image: Path | None = None
     terms: Path | None = None
+    approval: bool = False
+    practice: Path | None = None
+    install: str = INSTALL
 
 
 @dataclass(frozen=True)
@@ -153,12 +161,15 @@ def write_codabench(
         Avs3dError: if ``public`` holds truth, ``private`` lacks some, or a file is damaged.
     """
     data, truth = Dataset(public), Dataset(private)
-    read = (Path(public), Path(private), settings.image, settings.terms)
+    read = (Path(public), Path(private), settings.image, settings.terms, settings.practice)
     check_apart(Path(output), [path for path in read if path is not None])
     check_replaceable(output, (BUNDLE,))
     _check_settings(settings)
     require_no_truth(data)
     check_truth(data, truth)
+    practice = None if settings.practice is None else Dataset(settings.practice)
+    if practice is not None:
+        check_practice(practice, data)
     phases = _phases(data, truth, settings)
     protocols = task_protocols({key.split("/")[0] for phase in phases for key in phase.observations})
     twins = all(has_twins(truth, phase.observations) for phase in phases)
@@ -179,14 +190,13 @@ def write_codabench(
             with bundle.nested(_REFERENCE) as inner:
                 for name, source in reference_files(data, truth):
                     inner.add(name, source)
-            sample = all_black(data)
+            sample = example_submission(data)
             with bundle.nested(_SOLUTION) as inner:
                 for name, source in sample.items():
                     inner.add(name, source)
             with bundle.nested(_STARTING_KIT) as inner:
-                inner.add("README.md", pages(facts)["evaluation.md"].encode())
-                for name, source in sample.items():
-                    inner.add(f"all_black/{name}", source)
+                for name, contents in starting_kit(facts, sample, practice):
+                    inner.add(name, contents)
             if settings.data_url is None:
                 with bundle.nested(_DATA) as inner:
                     for name, path in public_files(data):
@@ -210,6 +220,8 @@ def _check_settings(settings: CompetitionSettings) -> None:
         )
     if bool(settings.development) != (settings.final_start is not None):
         raise UsageError("--development and --final-start belong together; give both or neither")
+    if not settings.install.strip() or "\n" in settings.install:
+        raise UsageError(f"--install: {settings.install!r}, expected one command line, such as {INSTALL}")
     moments = [settings.start, *filter(None, (settings.final_start, settings.end))]
     if any(later <= earlier for earlier, later in pairwise(moments)):
         raise UsageError(f"dates: {', '.join(map(str, moments))}; expected --start, --final-start, --end in this order")
@@ -254,7 +266,7 @@ def _competition(phases: Sequence[Phase], columns: Sequence[Column], settings: C
         "description": "3D audio-visual segmentation: mark the object that sounds.",
         "image": _image_name(settings),
         "terms": "terms.md",
-        "registration_auto_approve": True,
+        "registration_auto_approve": not settings.approval,
         "docker_image": settings.docker_image,
         "make_programs_available": True,
         "make_input_data_available": False,
@@ -276,7 +288,7 @@ def _competition(phases: Sequence[Phase], columns: Sequence[Column], settings: C
             for number, phase in enumerate(phases)
         ],
         "solutions": [
-            {"index": 0, "name": "all black", "path": _SOLUTION, "tasks": list(range(len(phases)))},
+            {"index": 0, "name": "a box in the middle", "path": _SOLUTION, "tasks": list(range(len(phases)))},
         ],
         "phases": [_phase(number, phase, settings) for number, phase in enumerate(phases)],
         "leaderboards": [
@@ -338,6 +350,8 @@ def _facts(
         example=data[0].key,
         data_url=settings.data_url,
         sealed=data.is_sealed,
+        install=settings.install,
+        practice=settings.practice is not None,
     )
 
 

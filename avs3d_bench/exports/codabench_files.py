@@ -1,4 +1,4 @@
-"""The files of a competition bundle: what scoring reads of a dataset, the scoring program, an empty submission."""
+"""The files of a competition bundle: what scoring reads of a dataset, the scoring program, an example submission."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports.codabench_format import INPUT, METADATA_YAML, OUTPUT, PROGRAM
 from avs3d_bench.formats import media
 from avs3d_bench.formats.files import dump_json
+from avs3d_bench.measures.centre_box import centre_box
 from avs3d_bench.sealing.seal import open_sealed
 
 #: Folders with a file for each frame that hold truth …
@@ -125,11 +126,13 @@ def reference_files(public: Dataset, private: Dataset) -> Iterator[tuple[str, by
         yield from ((f"{folder}/{name}", truth / name) for name in names if (truth / name).is_file())
 
 
-def all_black(public: Dataset) -> dict[str, bytes]:
-    """Member → contents of a submission that marks nothing: the layout that participants fill in."""
+def example_submission(public: Dataset) -> dict[str, bytes]:
+    """Member → contents of a submission that marks the middle of every picture, in the layout to be filled in."""
     record = public.record
     said = SubmissionRecord(
-        method="all black", dataset=public.name, dataset_version=record.version if record else "unversioned"
+        method="example: a box in the middle",
+        dataset=public.name,
+        dataset_version=record.version if record else "unversioned",
     )
     files = {layout.SUBMISSION_JSON: dump_json(said).encode()}
     for observation in public:
@@ -137,8 +140,36 @@ def all_black(public: Dataset) -> dict[str, bytes]:
         for frame in observation.test:
             header = media.png_header(frame.path(folder))
             name = f"{observation.key}/{layout.SUBMISSION_MASKS}/{frame.name}.png"
-            files[name] = _black(header.height, header.width)
+            files[name] = _box(header.height, header.width)
     return files
+
+
+def check_practice(practice: Dataset, public: Dataset) -> None:
+    """A practice dataset has its truth, and no picture in common with the test.
+
+    Raises:
+        Avs3dError: naming the first file.
+    """
+    tested = {media.sha256_file(frame.path(layout.INPUT)) for one in public for frame in one.frames}
+    for observation in practice:
+        for frame in observation.test:
+            path = observation.path / layout.SEMANTIC_MASKS / f"{frame.name}.png"
+            if not path.is_file():
+                raise Avs3dError(f"{path}: missing; expected a practice dataset with the truth of its test frames")
+        for frame in observation.frames:
+            if media.sha256_file(frame.path(layout.INPUT)) in tested:
+                raise Avs3dError(
+                    f"{frame.path(layout.INPUT)}: also a picture of the test; practice on other homes: "
+                    "`avs3d manifest sample --exclude`"
+                )
+
+
+@lru_cache(maxsize=8)
+def _box(height: int, width: int) -> bytes:
+    """A mask of the middle as PNG."""
+    mask = np.zeros((height, width), dtype=bool)
+    mask[centre_box(height, width)] = True
+    return media.encode_png_mask("mask", mask)
 
 
 @lru_cache(maxsize=8)

@@ -13,6 +13,8 @@ from avs3d_bench.contract.competition import DECIMALS, Column
 from avs3d_bench.contract.scores import METRICS
 from avs3d_bench.contract.taxonomy import PART_3
 
+#: How participants install this toolkit, if the organiser does not say otherwise.
+INSTALL = f"pip install avs3d-bench=={__version__}"
 #: Side of the drawn picture (pixels).
 _SIDE = 256
 
@@ -32,6 +34,8 @@ class CompetitionFacts:
         example: key of an observation.
         data_url: address of the data; None: they are among the files of the phase.
         sealed: whether commitments were published with the data.
+        install: command that installs this toolkit.
+        practice: whether the starting kit has practice data.
     """
 
     title: str
@@ -44,6 +48,8 @@ class CompetitionFacts:
     example: str
     data_url: str | None
     sealed: bool
+    install: str
+    practice: bool
 
 
 def pages(facts: CompetitionFacts) -> dict[str, str]:
@@ -106,8 +112,63 @@ such as `{facts.example}/`:
 | `{layout.COLMAP}/` | camera poses and sparse points in COLMAP's format |
 | `{layout.SPLITS_JSON}` | which frames are train and which are test |
 {poses}
-The truth of the test frames is not public.
-{seal}"""
+The truth of the test frames is not public. {_practice(facts)}
+{seal}
+## Axes, angles, ears
+
+- The world is right-handed, in metres, **Y up**. A camera looks down its **−Z**, with +X right and +Y up; a pose is its
+  position and a unit quaternion (w, x, y, z), camera to world.
+- `{layout.COLMAP}/` is in COLMAP's convention, turned by 180° about X, so that **Y points down**: (x, y, z) there is
+  (x, −y, −z) here.
+- **Azimuth** is 0 ahead and positive to the **right**, in degrees; elevation is positive up. (DCASE counts azimuth
+  positive to the left.)
+- Channel 0 of a clip is the **left** ear. A source on the right is louder, and earlier, in channel 1.
+- The centre of pixel (column u, row v) is at (u + 0.5, v + 0.5). Camera and ears are at one place, 1.5 m above the
+  floor.
+- Clip i is the second that begins with frame i; what sounded before may still reverberate in it.
+"""
+
+
+def _practice(facts: CompetitionFacts) -> str:
+    if facts.practice:
+        return "`practice/` in the starting kit is a dataset of other homes *with* its truth: score there what you try."
+    return "For practice, generate a dataset with its truth (`avs3d generate`; see the documentation of avs3d-bench)."
+
+
+def kit_readme(facts: CompetitionFacts) -> str:
+    """README.md of the starting kit: the way from installation to a submission."""
+    practice, scored = "", ""
+    if facts.practice:
+        practice = "- `practice/`: data of other homes, with the truth\n"
+        scored = " scored on the practice data, then"
+    return f"""# {facts.title}: starting kit
+
+```
+{facts.install}
+```
+
+The network of the notebook needs PyTorch as well: {_extra(facts.install)}
+
+{practice}- `listener.ipynb`: a baseline that looks and listens,{scored} run on the test, checked, and packed as a
+  submission
+- `example/`: a submission with every file that is expected; it marks a box in the middle of every picture
+- `pages/`: the pages of the competition: data, axes and angles, what to hand in, how it is scored
+
+In short, with the data in `public/`:
+
+```
+avs3d baseline listener --dataset public -o my-submission    # or your method
+avs3d check my-submission --dataset public
+cd my-submission && zip -r ../my-submission.zip .
+```
+"""
+
+
+def _extra(install: str) -> str:
+    """The command that installs the baselines, too."""
+    if "avs3d-bench" in install:
+        return f"`{install.replace('avs3d-bench', 'avs3d-bench[baselines]', 1)}`"
+    return "install the extra `[baselines]`."
 
 
 def _evaluation(facts: CompetitionFacts) -> str:
@@ -140,11 +201,13 @@ submission.json
 - `submission.json` is `{said}`.
 - One PNG for each test frame of each observation, of the size of the picture, with 0 and 255 only.
 - Masks of observations of another phase may be in the archive; they are not looked at.
-- `all_black/` in the starting kit has every file that is expected. Write your masks over it.
-
+- `example/` in the starting kit has every file that is expected and marks a box in the middle. Write your masks over
+  it.
+{_points(facts)}
 Check it before you submit, with avs3d-bench {__version__}, which scores it here:
 
 ```
+{facts.install}
 avs3d check my-submission.zip --dataset PATH-OF-THE-DATA
 ```
 
@@ -164,6 +227,18 @@ organisers can run on the files of scores, compares methods observation by obser
 {rows}
 
 The last submission of a participant counts.
+"""
+
+
+def _points(facts: CompetitionFacts) -> str:
+    """The lines on 3D predictions, which observations of part_1 and part_2 may have."""
+    if not {"part_1", "part_2"} & {*facts.parts}:
+        return ""
+    return f"""- `{layout.SUBMISSION_POINTS}` beside `{layout.SUBMISSION_MASKS}/` is an optional 3D prediction, in
+  all observations or in none: points on the object that sounds, as the vertices of a PLY file, in the world of the data
+  (metres, Y up; turn points of COLMAP's world back). Every vertex counts, so leave out what is not the object; at most
+  {layout.MAX_POINTS:,}. Points are put into voxels of 5 cm and compared with those of the object: `strict 3D IoU` and
+  `strict centroid error`. A submission without points has neither, which is no error.
 """
 
 

@@ -10,6 +10,15 @@ from avs3d_bench.commands.outputs import Signature, write_outputs
 from avs3d_bench.contract import layout
 from avs3d_bench.contract.comparisons import Comparison
 from avs3d_bench.contract.frame_rows import FrameRow
+from avs3d_bench.contract.questions import (
+    QA_JSON,
+    SCENES_JSON,
+    AnswerLine,
+    QaScores,
+    QuestionLine,
+    QuestionsRecord,
+    ScenesRecord,
+)
 from avs3d_bench.contract.schema import (
     CameraSplits,
     DatasetRecord,
@@ -20,6 +29,9 @@ from avs3d_bench.contract.schema import (
     SubmissionRecord,
 )
 from avs3d_bench.contract.scores import Scores, VerificationRecord
+from avs3d_bench.exports.acoustics import ACOUSTICS_JSON, ResponsesRecord
+from avs3d_bench.exports.release.record import RELEASE_JSON, ReleaseRecord
+from avs3d_bench.exports.seld.write import SELD_JSON, SeldIndex
 from avs3d_bench.exports.shards import ShardIndex
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -34,8 +46,16 @@ RECORDS: dict[str, type[Record]] = {
     "verification.json": VerificationRecord,  # `avs3d verify --json`
     "frame_row.json": FrameRow,  # a row of the table that `avs3d-eval --frames` writes
     layout.SHARDS_JSON: ShardIndex,
+    RELEASE_JSON: ReleaseRecord,
+    ACOUSTICS_JSON: ResponsesRecord,  # `avs3d export acoustics`
+    SELD_JSON: SeldIndex,
     layout.POSES_JSON: PosesRecord,
     layout.SEAL_JSON: SealRecord,
+    QA_JSON: QuestionsRecord,
+    SCENES_JSON: ScenesRecord,
+    "question.json": QuestionLine,  # a line of questions.jsonl
+    "answer.json": AnswerLine,  # a line of what `avs3d qa-score` reads
+    "qa_scores.json": QaScores,  # `avs3d qa-score --json`
 }
 
 

@@ -17,6 +17,13 @@ def header(name: str, size: int) -> bytes:
     return info.tobuf(tarfile.PAX_FORMAT, encoding="utf-8", errors="surrogateescape")
 
 
+def link(name: str, target: str) -> bytes:
+    """The tar header of a hard link to an earlier file of the archive."""
+    info = tarfile.TarInfo(name)
+    info.type, info.linkname, info.mode, info.mtime, info.uid, info.gid = tarfile.LNKTYPE, target, 0o644, 0, 0, 0
+    return info.tobuf(tarfile.PAX_FORMAT, encoding="utf-8", errors="surrogateescape")
+
+
 def padding(size: int) -> bytes:
     """Zeros up to the next block."""
     return bytes(-size % _BLOCK)

@@ -1,15 +1,11 @@
 """An observation as a film: frames with the sounding object marked, and the binaural track in step.
 
-H.264 (yuv420p, BT.709) and AAC in an MP4 that starts while it loads, made through PyAV. A frame of the dataset lasts a
-second, as its clip does, and is written `RATE` times, so that players need not cope with films of one picture a second;
-repeated pictures cost next to nothing. 30 a second, because 44,100 samples are then 1470 for each picture exactly:
-picture 30·k and sample 44,100·k are at the same instant, so the clip of frame k is heard while frame k is shown. Each
-frame starts with a key picture: seeking lands on frames.
+A frame of the dataset lasts a second, as its clip does; `avs3d_bench.formats.film` writes the MP4, in which the clip of
+frame k is heard while frame k is shown.
 
 Clips are joined as the web player joins them (`avs3d_bench.inspector.sound.joined`: 5 ms cross-fades, because the
 impulse response changes from frame to frame) and raised by whole decibels, the same for the whole film; the caption
-says by how many. Nothing in the file depends on the time, and x264 runs on one thread: same input, same bytes, as long
-as PyAV and its FFmpeg are the same.
+says by how many.
 """
 
 from __future__ import annotations
@@ -17,9 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +23,7 @@ from avs3d_bench.contract import layout
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats.files import atomic_path
+from avs3d_bench.formats.film import encode_film
 from avs3d_bench.inspector.facts import PageFacts, read_facts
 from avs3d_bench.inspector.floor_map import MapInset
 from avs3d_bench.inspector.sound import joined, read_clip
@@ -36,15 +31,6 @@ from avs3d_bench.inspector.submissions import ShownSubmission, open_submissions
 from avs3d_bench.inspector.video_drawing import AudibleNow, Canvas, Loudness, Overlay, Shown
 from avs3d_bench.runtime.imports import needing
 
-if TYPE_CHECKING:
-    pass
-
-#: Pictures a second; it divides 44,100.
-RATE = 30
-#: Quality of x264 (lower is better; 18 is said to be visually lossless) and bits a second of the sound.
-QUALITY, SOUND_BITS = 20, 256_000
-#: Intensity stereo and noise substitution change levels between the ears: of white noise by 0.26 dB instead of 0.03.
-_BINAURAL = {"aac_is": "0", "aac_pns": "0", "aac_ms": "0"}
 #: The loudest sample is raised to this at most, dB re full scale: the encoder overshoots a little.
 PEAK_DB = -3.0
 #: Largest gain (dB): a source behind two walls stays quiet.
@@ -142,7 +128,7 @@ def write_video(
 
     try:
         with atomic_path(target) as temporary:
-            _encode(av, temporary, pictures(), canvas, sound)
+            encode_film(av, temporary, pictures(), (canvas.width, canvas.height), comment=DRAWN_BY, sound=sound)
     except av.FFmpegError as error:
         raise Avs3dError(
             f"{target}: cannot write the film: {error.strerror}; free some space, or try another"
@@ -204,55 +190,6 @@ def _loudness(sound: NDArray[np.float32] | None, number: int, gain: int | None) 
     second = sound[:, number * layout.SAMPLE_RATE : (number + 1) * layout.SAMPLE_RATE].astype(np.float64)
     left, right = (10 * math.log10(max(float(power), 1e-20)) for power in np.mean(second**2, axis=1))
     return Loudness(left, right, gain)
-
-
-def _encode(
-    av: Any,
-    path: Path,
-    pictures: Iterator[NDArray[np.uint8]],
-    canvas: Canvas,
-    sound: NDArray[np.float32] | None,
-) -> None:
-    """Write the container: second by second a picture, `RATE` times, and its 44,100 samples."""
-    # bitexact keeps the muxer's version out; x264 has no B-pictures, so that no edit list delays the first picture.
-    options = {"movflags": "+faststart", "fflags": "+bitexact"}
-    with av.open(str(path), "w", format="mp4", options=options) as container:
-        container.metadata["comment"] = DRAWN_BY
-        video = container.add_stream("libx264", rate=RATE)
-        video.width, video.height, video.pix_fmt = canvas.width, canvas.height, "yuv420p"
-        context = video.codec_context
-        context.thread_count = 1
-        context.color_primaries = context.color_trc = context.colorspace = 1  # BT.709
-        context.color_range = 1  # limited, as players expect
-        context.options = {
-            "preset": "veryfast", "crf": str(QUALITY), "tune": "stillimage", "bf": "0", "g": str(RATE),
-            "keyint_min": str(RATE), "sc_threshold": "0",
-        }  # fmt: skip
-        audio = None
-        if sound is not None:
-            audio = container.add_stream("aac", rate=layout.SAMPLE_RATE, layout="stereo")
-            audio.bit_rate = SOUND_BITS
-            audio.codec_context.thread_count = 1
-            audio.codec_context.options = dict(_BINAURAL)
-        for number, picture in enumerate(pictures):
-            image = av.VideoFrame.from_ndarray(picture, format="rgb24").reformat(
-                format="yuv420p", src_colorspace="ITU709", dst_colorspace="ITU709", dst_color_range="MPEG"
-            )
-            for repeat in range(RATE):
-                image.pts, image.time_base = number * RATE + repeat, Fraction(1, RATE)
-                container.mux(video.encode(image))
-            if audio is not None and sound is not None:
-                second = sound[:, number * layout.SAMPLE_RATE : (number + 1) * layout.SAMPLE_RATE]
-                _sound(av, container, audio, second, number * layout.SAMPLE_RATE)
-        container.mux(video.encode(None))
-        if audio is not None:
-            container.mux(audio.encode(None))
-
-
-def _sound(av: Any, container: Any, stream: Any, samples: NDArray[np.float32], first: int) -> None:
-    frame = av.AudioFrame.from_ndarray(np.ascontiguousarray(samples), format="fltp", layout="stereo")
-    frame.sample_rate, frame.pts, frame.time_base = layout.SAMPLE_RATE, first, Fraction(1, layout.SAMPLE_RATE)
-    container.mux(stream.encode(frame))
 
 
 def describe_film(film: Film) -> str:

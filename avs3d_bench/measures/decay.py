@@ -1,4 +1,4 @@
-"""Reverberation time from impulse responses, and Eyring's formula to compare it with.
+"""Reverberation time and clarity from impulse responses, and Eyring's formula to compare with.
 
 T30 after ISO 3382-2: the octave-filtered response is squared and integrated backwards (Schroeder 1965); a straight line
 through the decay from −5 to −35 dB, extrapolated to 60 dB.
@@ -17,6 +17,10 @@ SPEED_OF_SOUND = 343.0
 #: Octaves whose mean is quoted as "the" reverberation time (ISO 3382-2: 500 Hz and 1 kHz).
 MID_BANDS = (500.0, 1000.0)
 _FIT_FROM, _FIT_TO = -5.0, -35.0
+#: Early sound of the clarity C50 (s, ISO 3382-1).
+EARLY = 0.05
+#: The direct sound begins where a response comes within so many dB of its largest value (ISO 3382-1, 5.3.4).
+_ONSET = -20.0
 #: Window in which the level of a clap is measured (s), and the percentile of the levels that is its noise.
 _CLAP_WINDOW, _CLAP_NOISE = 0.01, 20.0
 #: Distance of the end of the fit from the noise (dB): 10 to the cut, which bends the decay over 7 more.
@@ -37,11 +41,52 @@ def octave_filtered(response: NDArray[np.floating], sample_rate: int, centre: fl
 
 def decay_curve(response: NDArray[np.floating]) -> NDArray[np.float64]:
     """Schroeder's backward integration of a response (n,): dB below its whole energy, −inf after its end."""
-    energy = np.square(np.asarray(response, dtype=np.float64))
-    remaining = np.cumsum(energy[::-1])[::-1]
+    remaining = remaining_energy(response)
     if len(remaining) == 0 or not remaining[0] > 0:
         return np.full(len(remaining), -np.inf)
     return _decibels(remaining)
+
+
+def remaining_energy(response: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(n,) energy of a response (n,) from each sample on."""
+    return np.asarray(np.cumsum(np.square(np.asarray(response, dtype=np.float64))[::-1])[::-1])
+
+
+def energy_ratio_db(early: NDArray[np.floating], late: NDArray[np.floating]) -> float:
+    """Energy of one sound over that of another, dB; of any shape. −inf, inf or NaN where one or both are silent."""
+    first, second = (float(np.square(np.asarray(sound, dtype=np.float64)).sum()) for sound in (early, late))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return float(10 * np.log10(np.divide(first, second)))
+
+
+def onset(response: NDArray[np.floating]) -> int:
+    """The sample of a response (n,) at which the direct sound begins; 0 for silence."""
+    size = np.abs(response)
+    return int(np.argmax(size >= size.max(initial=0.0) * 10 ** (_ONSET / 20))) if size.size else 0
+
+
+def decay_figures(response: NDArray[np.floating], rate: float, first: int | None = None) -> dict[str, float | None]:
+    """Figures of one response (n,) over all frequencies, as papers on acoustic fields report them.
+
+    Args:
+        response: finite.
+        rate: samples per second.
+        first: the sample at which EDT and C50 begin; None: where the direct sound does.
+
+    Returns:
+        ``T60`` (s, from −5 to −25 dB, which ISO 3382-1 calls T20), ``T30`` (s, to −35 dB), ``EDT`` (s), ``C50`` (dB);
+        None where one cannot be measured.
+    """
+    start = onset(response) if first is None else first
+    remaining = remaining_energy(response)
+    boundary = start + math.ceil(EARLY * rate)
+    clarity = energy_ratio_db(response[start:boundary], response[boundary:])
+    return {
+        "T60": fit_decay(remaining, rate, last=-25.0),
+        "T30": fit_decay(remaining, rate),
+        "EDT": fit_decay(remaining[start:], rate, 0.0, -10.0),
+        "C50": clarity if math.isfinite(clarity) else None,
+    }
 
 
 def t30(response: NDArray[np.floating], sample_rate: int) -> float | None:

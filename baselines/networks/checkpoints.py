@@ -25,6 +25,7 @@ from avs3d_bench.runtime.imports import require_package
 #: Weights as `save_pretrained` writes them: one file, or an index beside several.
 _WEIGHTS = ("model.safetensors", "model.safetensors.index.json", "pytorch_model.bin", "pytorch_model.bin.index.json")
 _PREPROCESSOR = ("preprocessor_config.json", "processor_config.json")
+_TOKENIZER = ("tokenizer.json", "vocab.json", "vocab.txt")
 _OFFLINE = ("HF_HUB_OFFLINE", "TRANSFORMERS_OFFLINE")
 #: Most layers of a part of a network.
 _MOST_LAYERS = 1000
@@ -69,13 +70,21 @@ def _brief(choice: tuple[str, ...]) -> tuple[str, ...]:
 _TRANSFORMERS = "pip install 'avs3d-bench[baselines]'"
 
 
-def _from_hugging_face(name: str, repository: str, size: str, install: str = _TRANSFORMERS) -> NetworkFiles:
-    """A model of transformers with its preprocessor, under Apache-2.0."""
+def _from_hugging_face(
+    name: str,
+    repository: str,
+    size: str,
+    *,
+    install: str = _TRANSFORMERS,
+    licence: str = "Apache-2.0",
+    more: tuple[tuple[str, ...], ...] = (_PREPROCESSOR,),
+) -> NetworkFiles:
+    """A model of transformers: its configuration, its weights, and ``more`` files."""
     return NetworkFiles(
         name=name,
-        files=(("config.json",), _WEIGHTS, _PREPROCESSOR),
+        files=(("config.json",), _WEIGHTS, *more),
         source=f"https://huggingface.co/{repository}",
-        licence="Apache-2.0",
+        licence=licence,
         size=size,
         packages=("transformers",),
         install=install,
@@ -119,6 +128,14 @@ CHECKPOINTS: dict[str, NetworkFiles] = {
         packages=("denseav",),
         install="pip install git+https://github.com/mhamilton723/DenseAV",
     ),
+    "clap": _from_hugging_face("CLAP", "laion/clap-htsat-unfused", "0.6 GB", more=(_PREPROCESSOR, _TOKENIZER)),
+    "sam3": _from_hugging_face(
+        "SAM 3", "facebook/sam3", "3.4 GB", licence="SAM License, to be accepted there", more=(_TOKENIZER,)
+    ),
+    "grounding-dino": _from_hugging_face(
+        "Grounding DINO", "IDEA-Research/grounding-dino-base", "0.9 GB", more=(_PREPROCESSOR, _TOKENIZER)
+    ),
+    "sam2": _from_hugging_face("SAM 2", "facebook/sam2.1-hiera-large", "0.9 GB", more=()),
 }
 
 

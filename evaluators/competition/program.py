@@ -177,11 +177,13 @@ def _submission(folder: Path) -> Path:
     entries = [path for path in folder.iterdir() if path.name not in _PLATFORM_FILES and path.name != "__MACOSX"]
     if not entries:
         raise UsageError("the submission is empty; expected submission.json and the masks at the root of the archive")
-    if len(entries) == 1 and (entries[0].is_dir() or entries[0].suffix.lower() == ".zip"):
-        if entries[0].name.startswith("part_"):
+    # Links are not followed: one may lead to the truth.
+    only = entries[0] if len(entries) == 1 and not entries[0].is_symlink() else None
+    if only is not None and (only.is_dir() or only.suffix.lower() == ".zip"):
+        if only.name.startswith("part_"):
             return folder
-        print(f"the submission lies in {printable(entries[0].name)}")
-        return entries[0]
+        print(f"the submission lies in {printable(only.name)}")
+        return only
     return folder
 
 

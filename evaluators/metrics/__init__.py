@@ -6,6 +6,7 @@
     metrics.Accumulator().update(truth, prediction)     # batch by batch, in any order
     metrics.avsbench.evaluate(truth, logits)            # as AVSBench's released code; ref_avs, avss, combo likewise
     metrics.pointing.evaluate(truth, prediction)        # for methods that only point
+    metrics.rir.evaluate(truth, prediction, rate)       # errors of predicted impulse responses
 
 The evaluator of submissions uses the same functions. docs/metrics-python.md shows their use, docs/which-number.md which
 convention a published table has. The public names are listed in `__init__.pyi`; importing this package imports none of

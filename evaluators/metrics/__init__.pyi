@@ -1,5 +1,6 @@
 # The public names of evaluators.metrics: type checkers read them here, and lazy_loader imports them on first use.
 from . import pointing as pointing
+from . import rir as rir
 from .accumulator import Accumulator as Accumulator
 from .accumulator import evaluate as evaluate
 from .contour import boundary_f as boundary_f

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from avs3d_bench.measures.centre_box import centre_box
 from evaluators.metrics.contour import Contour, boundary_f, contour
 from evaluators.metrics.masks import U8, FrameCounts, frame_counts
 
@@ -115,11 +116,6 @@ def _box(height: int, width: int) -> tuple[U8, Contour]:
     mask = np.zeros((height, width), np.uint8)
     mask[centre_box(height, width)] = 255
     return mask, contour(mask)
-
-
-def centre_box(height: int, width: int) -> tuple[slice, slice]:
-    """Rows and columns of the reference box: the middle half of each, a quarter of the area."""
-    return slice(height // 4, height - height // 4), slice(width // 4, width - width // 4)
 
 
 def reference_figures(truth: Truth) -> dict[str, FrameFigures]:

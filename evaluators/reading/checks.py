@@ -140,8 +140,9 @@ def _look(
     """(files read, findings) of one observation."""
     key = observation.key
     reader = Reader(submission, key)
-    # Of a sealed test, participants have no masks; they have the size of the pictures.
-    sized = layout.SEMANTIC_MASKS if observation.published is None else layout.INPUT
+    # Participants of a competition have no masks of test frames; they have the size of the pictures.
+    first = observation.where(layout.SEMANTIC_MASKS) / f"{observation.test[0].name}.png" if observation.test else None
+    sized = layout.SEMANTIC_MASKS if first is not None and first.exists() else layout.INPUT
     classes = _class_count(observation) if categories and observation.is_part_3 else None
 
     def sound(path: Path) -> bool:

@@ -20,7 +20,8 @@ from avs3d_bench.commands.outputs import check_replaceable
 from avs3d_bench.commands.report import printable
 from avs3d_bench.contract.scores import Scores
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.formats.files import dump_json, write_bytes
+from avs3d_bench.formats.files import dump_json, write_bytes, write_json
+from evaluators.reporting.board import board_of
 from evaluators.reporting.pages import write_page
 from evaluators.reporting.ranking import ScoresEntry, leaderboard_values
 from evaluators.reporting.report_check import read_report
@@ -33,7 +34,9 @@ _SHORT_DIGEST = 12
 _NAMED = 200
 
 
-def write_leaderboard(folder: Path, score_files: Sequence[Path], verified: Sequence[Path] = ()) -> tuple[str, ...]:
+def write_leaderboard(
+    folder: Path, score_files: Sequence[Path], verified: Sequence[Path] = (), json_file: Path | None = None
+) -> tuple[str, ...]:
     """Write the page, and copies of the score files and their reports, into a folder.
 
     Args:
@@ -42,6 +45,7 @@ def write_leaderboard(folder: Path, score_files: Sequence[Path], verified: Seque
         verified: written by ``avs3d verify --json``, by whoever makes the page: the files of scores that they confirm
             are marked. Records that lie beside the files of scores are never looked for, since their authors can write
             them.
+        json_file: gets the tables as JSON as well (`evaluators.reporting.board`).
 
     Returns:
         a line for each report that is not copied, since it lies elsewhere or is none that this toolkit wrote, and for
@@ -62,6 +66,8 @@ def write_leaderboard(folder: Path, score_files: Sequence[Path], verified: Seque
         scores = entry.scores.model_copy(update={"report": report})
         _write(folder / "reports" / f"{entry.name}.json", dump_json(scores).encode())
     write_page(folder / "index.html", "leaderboard.html.j2", leaderboard_values(entries))
+    if json_file is not None:
+        write_json(json_file, board_of(entries))
     return (*(entry.note for entry in entries if entry.note), *notes)
 
 

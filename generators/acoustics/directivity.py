@@ -139,6 +139,23 @@ class Directivity:
         values, name = read_directivity(path, directions.reshape(-1, 3))
         return cls.table(values.reshape(-1, *directions.shape[:2]), azimuths, elevations, BANDS, name=name)
 
+    @classmethod
+    def file(cls, path: str | Path) -> Directivity:
+        """The directivity of a file: a table as ``.csv`` or ``.npz`` (docs/directivity.md), or what `sofa` reads.
+
+        Raises:
+            Avs3dError: one line, as `table` and `sofa`, with the file's name.
+        """
+        from generators.acoustics.directivity_table import TABLE_ENDINGS, read_table
+
+        if Path(path).suffix.lower() not in TABLE_ENDINGS:
+            return cls.sofa(path)
+        found = read_table(path)
+        try:
+            return cls.table(**found)
+        except Avs3dError as error:
+            raise Avs3dError(f"{path}: {error}") from None
+
     def amplitudes(self, directions: ArrayLike) -> F64:
         """(n, 8) amplitude factors in the octaves of `BANDS` for vectors (n, 3) in the source's frame, of any length.
 

@@ -88,7 +88,7 @@ _IGNORED = {
 class AudioSensorSpec:
     """habitat-sim's ``AudioSensorSpec``."""
 
-    uuid: str = "audio_sensor"
+    uuid: str = "audio"
     position: ArrayLike = (0.0, 0.0, 0.0)
     outputDirectory: str = ""  # noqa: N815
     enableMaterials: bool = True  # noqa: N815

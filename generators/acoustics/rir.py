@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.errors import UsageError
+from avs3d_bench.formats.atomic import atomic_path
 from avs3d_bench.geometry import Pose
-from avs3d_bench.measures.decay import SPEED_OF_SOUND, fit_decay, octave_filtered
+from avs3d_bench.measures.decay import EARLY, SPEED_OF_SOUND, energy_ratio_db, fit_decay, octave_filtered
 from avs3d_bench.runtime.imports import needing
 from generators.acoustics.direct import AFTER, BEFORE
 from generators.acoustics.materials import OCTAVE_BANDS
@@ -23,9 +24,6 @@ if TYPE_CHECKING:
     from generators.acoustics.tracer.arrivals import Arrivals
 
 F64 = NDArray[np.float64]
-
-#: Early sound of the clarity C50 (s, ISO 3382-1).
-_EARLY = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +75,7 @@ class Rir:
 
     def c50(self) -> dict[int, float]:
         """Clarity C50 in dB (ISO 3382-1): energy of the first 50 ms after the direct sound over the rest."""
-        last = math.ceil((self.distance / SPEED_OF_SOUND + _EARLY) * self.sample_rate)
+        last = math.ceil((self.distance / SPEED_OF_SOUND + EARLY) * self.sample_rate)
         return self._ratio(self._pieces(0, last))
 
     def drr(self) -> dict[int, float]:
@@ -139,6 +137,8 @@ class Rir:
     def save(self, path: str | Path) -> Path:
         """Write the response: ``.wav`` (32-bit float), ``.sofa`` (SingleRoomMIMOSRIR) or ``.npz`` (with the arrivals).
 
+        The file is there as a whole or not at all.
+
         Raises:
             UsageError: for another ending.
             Avs3dError: if the file cannot be written, or sofar is missing for SOFA.
@@ -147,10 +147,8 @@ class Rir:
         writers = {".wav": self._save_wav, ".sofa": self._save_sofa, ".npz": self._save_npz}
         if path.suffix.lower() not in writers:
             raise UsageError(f"{path}: unknown ending {path.suffix!r}; expected {', '.join(writers)}")
-        try:
-            writers[path.suffix.lower()](path)
-        except OSError as error:
-            raise Avs3dError(f"{path}: cannot be written ({error.strerror or error})") from error
+        with atomic_path(path) as temporary:
+            writers[path.suffix.lower()](temporary)
         return path
 
     def metadata(self) -> dict[str, Any]:
@@ -175,7 +173,8 @@ class Rir:
         if self.arrivals is not None:
             parts = ("time", "direction", "pressure")
             arrays |= {f"arrival_{part}": getattr(self.arrivals, part) for part in parts}
-        np.savez_compressed(path, **arrays)
+        with path.open("wb") as stream:  # given a name, numpy would add its ending
+            np.savez_compressed(stream, **arrays)
 
     def _save_sofa(self, path: Path) -> None:
         """AES69: cartesian metres, X forward, Y left, Z up; the listener looks along +X of its own axes."""
@@ -192,8 +191,12 @@ class Rir:
         file.Data_SamplingRate, file.Data_Delay = float(self.sample_rate), np.zeros((1, len(self.samples), 1))
         file.ListenerPosition, file.SourcePosition = _sofa_axes([self.listener.position]), _sofa_axes([self.source])
         file.ListenerView, file.ListenerUp = _sofa_axes([-turn[:, 2]]), _sofa_axes([turn[:, 1]])
+        each = (len(self.samples), 1)
         file.ReceiverPosition = np.zeros((len(self.samples), 3, 1))
-        sofar.write_sofa(str(path), file)
+        file.ReceiverView, file.ReceiverUp = (np.tile(axis, each)[:, :, None] for axis in ([1.0, 0, 0], [0, 0, 1.0]))
+        named = path.with_suffix(".sofa")  # sofar writes no other ending
+        sofar.write_sofa(str(named), file)
+        named.replace(path)
 
     def _remaining(self, octave: int | None) -> F64:
         """(n,) energy from each sample on, in an octave or at all frequencies."""
@@ -210,12 +213,10 @@ class Rir:
         return early, late
 
     def _ratio(self, pieces: tuple[NDArray[np.float32], NDArray[np.float32]]) -> dict[int, float]:
-        found = {}
-        for octave in self.octaves:
-            early, late = (float(np.square(octave_filtered(piece, self.sample_rate, octave)).sum()) for piece in pieces)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                found[octave] = float(10 * np.log10(np.divide(early, late)))
-        return found
+        return {
+            octave: energy_ratio_db(*(octave_filtered(piece, self.sample_rate, octave) for piece in pieces))
+            for octave in self.octaves
+        }
 
 
 def _sofa_axes(vectors: Any) -> F64:

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.errors import UsageError
+from avs3d_bench.formats.atomic import atomic_path
 from generators.acoustics.rir import Rir
 
 
@@ -18,7 +19,7 @@ def write_webdataset(responses: Iterable[Rir], folder: str | Path, *, per_shard:
     """Write responses as they come; one is in memory at a time.
 
     A sample has ``NUMBER.npy``, its samples (channels, n) float32, and ``NUMBER.json``, `Rir.metadata`. The same
-    responses give the same bytes.
+    responses give the same bytes. A shard is there as a whole or not at all.
 
     Args:
         responses: of `Engine.responses`, or any.
@@ -38,15 +39,12 @@ def write_webdataset(responses: Iterable[Rir], folder: str | Path, *, per_shard:
     if folder.is_dir() and next(folder.glob("rir-*.tar"), None) is not None:
         raise UsageError(f"{folder}: has shards already; give an empty folder")
     shards: list[Path] = []
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for number, some in enumerate(_grouped(responses, per_shard)):
-            shards.append(folder / f"rir-{number:06d}.tar")
-            with tarfile.open(shards[-1], "w", format=tarfile.PAX_FORMAT) as tar:
-                for index, rir in some:
-                    _add(tar, index, rir)
-    except OSError as error:
-        raise Avs3dError(f"{folder}: cannot be written ({error.strerror or error})") from error
+    for number, some in enumerate(_grouped(responses, per_shard)):
+        shard = folder / f"rir-{number:06d}.tar"
+        with atomic_path(shard) as temporary, tarfile.open(temporary, "w", format=tarfile.PAX_FORMAT) as tar:
+            for index, rir in some:
+                _add(tar, index, rir)
+        shards.append(shard)
     return shards
 
 

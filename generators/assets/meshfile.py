@@ -13,6 +13,7 @@ import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -134,16 +135,19 @@ def load_mesh(
     materials = tuple({id(p.materials[0]): p.materials[0] for p in pieces}.values())
     order = {id(material): index for index, material in enumerate(materials)}
     face_material = np.concatenate([p.face_material + order[id(p.materials[0])] for p in pieces])
-    labels = np.array([m.acoustic for m in materials])[face_material]
-    exact = positions.astype(np.float64)
-    sound, names = component_boxes(exact, labels) if twin == "boxes" else clustered(exact, labels, max_acoustic_faces)
+    labels = np.array([m.acoustic for m in materials], dtype=object)[face_material]
+    if twin == "surface" and len(positions) <= max_acoustic_faces:
+        sound, names = positions, tuple(labels)
+    else:
+        reduced = component_boxes if twin == "boxes" else partial(clustered, max_faces=max_acoustic_faces)
+        sound, names = reduced(positions.astype(np.float64), labels.astype(str))
     mesh = Mesh(
         positions=positions,
         normals=np.concatenate([p.normals for p in pieces]),
         uv=np.concatenate([p.uv for p in pieces]),
         face_material=face_material.astype(np.int32),
         materials=materials,
-        acoustic_positions=sound.astype(np.float32),
+        acoustic_positions=sound.astype(np.float32, copy=False),
         acoustic_labels=names,
     )
     mesh.check(str(file))
@@ -525,10 +529,11 @@ def _palette(
     else:
         colours = np.asarray(visual.face_colors, dtype=np.float64)[kept, :3]
     pixels = to_srgb(colours / 255) if gltf else np.round(colours).astype(np.uint8)
-    unique, index = np.unique(pixels, axis=0, return_inverse=True)
-    side = int(np.ceil(np.sqrt(len(unique))))
+    # One number for each colour: rows would be compared as records, thirty times as slowly.
+    codes, index = np.unique(pixels @ np.array([1 << 16, 1 << 8, 1], dtype=np.int32), return_inverse=True)
+    side = int(np.ceil(np.sqrt(len(codes))))
     image = np.zeros((side * side, 3), dtype=np.uint8)
-    image[: len(unique)] = unique
+    image[: len(codes)] = codes[:, None] >> np.array([16, 8, 0]) & 255
     index = index.reshape(-1)
     centre = np.stack([(index % side + 0.5) / side, 1 - (index // side + 0.5) / side], axis=1)
     return Texture(f"{name}_colours", image.reshape(side, side, 3)), np.repeat(centre[:, None], 3, axis=1)

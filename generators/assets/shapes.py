@@ -6,7 +6,6 @@ Every primitive is added to a `MeshBuilder`, in metres, Y up. Texture coordinate
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import Literal, Self
 
@@ -17,6 +16,7 @@ from shapely.geometry import Polygon
 
 from generators.assets.forms import cap_faces, outward, skin_faces, slab_loops
 from generators.core.arrays import cross, distinct_rows
+from generators.core.boxes import axis_rotation
 from generators.core.scene import F32, Material, Mesh
 
 Array = NDArray[np.float64]
@@ -45,23 +45,9 @@ BOX_FACES = np.array(
 )
 
 
-def rotation(axis: str, degrees: float) -> Array:
-    """(3, 3) right-handed rotation about ``"x"``, ``"y"`` or ``"z"``."""
-    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    first = "xyz".index(axis)
-    second, third = (first + 1) % 3, (first + 2) % 3
-    out = np.eye(3)
-    out[[second, third], [second, third]] = c
-    out[second, third], out[third, second] = -s, s
-    return out
-
-
-def rotations_about_y(degrees: Array) -> Array:
-    """(K, 3, 3) right-handed rotations about y by ``degrees`` (K,): `rotation`, of many at once."""
-    sin, cos = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
-    out = np.zeros((len(sin), 3, 3))
-    out[:, 0, 0], out[:, 0, 2], out[:, 1, 1], out[:, 2, 0], out[:, 2, 2] = cos, sin, 1.0, -sin, cos
-    return out
+def rotation(axis: str, degrees: float | Array) -> Array:
+    """(…, 3, 3) right-handed rotations about ``"x"``, ``"y"`` or ``"z"`` by ``degrees`` (…)."""
+    return axis_rotation(axis, np.radians(degrees))
 
 
 def corner_normals(triangles: Array, crease: float = 40.0) -> Array:

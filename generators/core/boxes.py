@@ -18,10 +18,21 @@ Array = NDArray[np.float64]
 _SIGNS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)], dtype=np.float64)
 
 
+def axis_rotation(axis: str, angle: float | Array) -> Array:
+    """(…, 3, 3) right-handed rotations about ``"x"``, ``"y"`` or ``"z"`` by ``angle`` (…) radians."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    first = "xyz".index(axis)
+    second, third = (first + 1) % 3, (first + 2) % 3
+    out = np.zeros((*np.shape(angle), 3, 3))
+    out[..., first, first] = 1.0
+    out[..., second, second], out[..., third, third] = cosine, cosine
+    out[..., second, third], out[..., third, second] = -sine, sine
+    return out
+
+
 def yaw_matrix(yaw: float) -> Array:
     """(3, 3) rotation about +Y by ``yaw`` radians: the front +Z turns to (sin yaw, 0, cos yaw)."""
-    c, s = math.cos(yaw), math.sin(yaw)
-    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    return axis_rotation("y", yaw)
 
 
 @dataclass(frozen=True, eq=False)

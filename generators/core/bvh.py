@@ -7,6 +7,7 @@ Who traverses it: `generators.acoustics.tracer.kernels`, and on CUDA `generators
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +30,8 @@ _STEP = 1.0
 _DEEP = 36
 #: Entries of the traversal's stack: one per level, 36 + log2 of the most triangles (2^26).
 STACK = 64
+#: Rows of the scratch boxes behind those of the bins: the boxes on one side of a split, and that of all centres.
+_SIDE, _CENTRES = _BINS, _BINS + 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,75 +67,103 @@ def build(triangles: F64, what: str = "mesh") -> Bvh:
     links = np.zeros((2 * len(corners), 2), dtype=np.int32)
     order = np.arange(len(corners), dtype=np.int64)
     waiting = np.empty((2 * len(corners), 4), dtype=np.int64)
-    count = _build(low, high, 0.5 * (low + high), order, bounds, links, waiting)
+    counts, boxes, right = np.empty(_BINS, dtype=np.int64), np.empty((_CENTRES + 1, 6)), np.empty(_BINS)
+    count = _build(low, high, 0.5 * (low + high), order, bounds, links, waiting, counts, boxes, right)
     return Bvh(bounds[:count].copy(), links[:count].copy(), order)
 
 
 @inline
-def _half_area(box: F64) -> float:
-    x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
+def _half_area(boxes: F64, i: int) -> float:
+    x, y, z = boxes[i, 3] - boxes[i, 0], boxes[i, 4] - boxes[i, 1], boxes[i, 5] - boxes[i, 2]
     return x * y + y * z + z * x if x >= 0.0 and y >= 0.0 and z >= 0.0 else 0.0
 
 
+@inline
+def _clear(boxes: F64, i: int) -> None:
+    for k in range(3):
+        boxes[i, k], boxes[i, 3 + k] = math.inf, -math.inf
+
+
+@inline
+def _extend(boxes: F64, i: int, low: F64, high: F64, j: int) -> None:
+    """Extend box i by the points or boxes from ``low`` (T, 3) to ``high`` in row j."""
+    for k in range(3):
+        boxes[i, k] = min(boxes[i, k], low[j, k])
+        boxes[i, 3 + k] = max(boxes[i, 3 + k], high[j, k])
+
+
+@inline
+def _join(boxes: F64, i: int, j: int) -> None:
+    """Extend box i by box j."""
+    for k in range(3):
+        boxes[i, k] = min(boxes[i, k], boxes[j, k])
+        boxes[i, 3 + k] = max(boxes[i, 3 + k], boxes[j, 3 + k])
+
+
+@inline
+def _bin(centre: F64, j: int, axis: int, boxes: F64) -> int:
+    low, high = boxes[_CENTRES, axis], boxes[_CENTRES, 3 + axis]
+    return min(int((centre[j, axis] - low) / (high - low) * _BINS), _BINS - 1)
+
+
 @njit
-def _build(low: F64, high: F64, centre: F64, order: I64, bounds: F64, links: I32, work: I64) -> int:
-    """Fill ``order``, ``bounds`` and ``links``; ``work`` (N, 4) holds node, begin, end, depth. Returns the nodes."""
-    counts = np.zeros(_BINS, dtype=np.int64)
-    boxes = np.empty((_BINS, 6))
-    right_area = np.empty(_BINS)
-    box = np.empty(6)
+def _build(
+    low: F64,
+    high: F64,
+    centre: F64,
+    order: I64,
+    bounds: F64,
+    links: I32,
+    work: I64,
+    counts: I64,
+    boxes: F64,
+    right: F64,
+) -> int:
+    """Fill ``order``, ``bounds`` and ``links``; ``work`` (N, 4) holds node, begin, end, depth. Returns the nodes.
+
+    ``counts``, ``boxes`` and ``right`` are scratch: triangles and box of each bin, half the area to the right of it.
+    """
     nodes, waiting = 1, 1
     work[0, 0], work[0, 1], work[0, 2], work[0, 3] = 0, 0, len(order), 0
     while waiting:
         waiting -= 1
         node, begin, end, depth = work[waiting, 0], work[waiting, 1], work[waiting, 2], work[waiting, 3]
-        c_low, c_high = np.full(3, np.inf), np.full(3, -np.inf)
-        for k in range(3):
-            bounds[node, k], bounds[node, 3 + k] = np.inf, -np.inf
+        _clear(bounds, node)
+        _clear(boxes, _CENTRES)
         for i in range(begin, end):
-            for k in range(3):
-                bounds[node, k] = min(bounds[node, k], low[order[i], k])
-                bounds[node, 3 + k] = max(bounds[node, 3 + k], high[order[i], k])
-                c_low[k] = min(c_low[k], centre[order[i], k])
-                c_high[k] = max(c_high[k], centre[order[i], k])
+            _extend(bounds, node, low, high, order[i])
+            _extend(boxes, _CENTRES, centre, centre, order[i])
         size = end - begin
         middle = begin
         if size > _LEAF:
             # Cost of a leaf against the cheapest split: areas times triangles, relative to this node's box.
-            best, best_axis, best_bin = (size - _STEP) * _half_area(bounds[node]), -1, 0
+            best, best_axis, best_bin = (size - _STEP) * _half_area(bounds, node), -1, 0
             for axis in range(3):
-                extent = c_high[axis] - c_low[axis]
-                if extent <= 1e-9 or depth >= _DEEP:
+                if boxes[_CENTRES, 3 + axis] - boxes[_CENTRES, axis] <= 1e-9 or depth >= _DEEP:
                     continue
-                counts[:] = 0
-                boxes[:, :3], boxes[:, 3:] = np.inf, -np.inf
+                for b in range(_BINS):
+                    counts[b] = 0
+                    _clear(boxes, b)
                 for i in range(begin, end):
-                    b = min(int((centre[order[i], axis] - c_low[axis]) / extent * _BINS), _BINS - 1)
+                    b = _bin(centre, order[i], axis, boxes)
                     counts[b] += 1
-                    for k in range(3):
-                        boxes[b, k] = min(boxes[b, k], low[order[i], k])
-                        boxes[b, 3 + k] = max(boxes[b, 3 + k], high[order[i], k])
-                box[:3], box[3:] = np.inf, -np.inf
+                    _extend(boxes, b, low, high, order[i])
+                _clear(boxes, _SIDE)
                 for b in range(_BINS - 1, 0, -1):
-                    for k in range(3):
-                        box[k], box[3 + k] = min(box[k], boxes[b, k]), max(box[3 + k], boxes[b, 3 + k])
-                    right_area[b] = _half_area(box)
-                box[:3], box[3:] = np.inf, -np.inf
+                    _join(boxes, _SIDE, b)
+                    right[b] = _half_area(boxes, _SIDE)
+                _clear(boxes, _SIDE)
                 left = 0
                 for b in range(1, _BINS):
                     left += counts[b - 1]
-                    for k in range(3):
-                        box[k], box[3 + k] = min(box[k], boxes[b - 1, k]), max(box[3 + k], boxes[b - 1, 3 + k])
+                    _join(boxes, _SIDE, b - 1)
                     if 0 < left < size:
-                        cost = left * _half_area(box) + (size - left) * right_area[b]
+                        cost = left * _half_area(boxes, _SIDE) + (size - left) * right[b]
                         if cost < best:
                             best, best_axis, best_bin = cost, axis, b
             if best_axis >= 0:
-                extent = c_high[best_axis] - c_low[best_axis]
-                middle = begin
                 for i in range(begin, end):
-                    b = min(int((centre[order[i], best_axis] - c_low[best_axis]) / extent * _BINS), _BINS - 1)
-                    if b < best_bin:
+                    if _bin(centre, order[i], best_axis, boxes) < best_bin:
                         order[i], order[middle] = order[middle], order[i]
                         middle += 1
             elif size > _MOST:
@@ -141,9 +172,9 @@ def _build(low: F64, high: F64, centre: F64, order: I64, bounds: F64, links: I32
             links[node, 0], links[node, 1] = begin, size
             continue
         links[node, 0], links[node, 1] = nodes, 0
-        work[waiting, 0], work[waiting, 1], work[waiting, 2], work[waiting, 3] = nodes, begin, middle, depth + 1
-        waiting += 1
-        work[waiting, 0], work[waiting, 1], work[waiting, 2], work[waiting, 3] = nodes + 1, middle, end, depth + 1
-        waiting += 1
+        for child in range(2):
+            work[waiting, 0], work[waiting, 3] = nodes + child, depth + 1
+            work[waiting, 1], work[waiting, 2] = middle if child else begin, end if child else middle
+            waiting += 1
         nodes += 2
     return nodes

@@ -9,6 +9,7 @@ frame do not change.
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import os
 import platform
@@ -75,10 +76,44 @@ _KERNELS = str(CACHE_FOLDER / kernel_digest())
 os.environ["NUMBA_CACHE_DIR"] = _KERNELS
 with needing("rendering", "pip install 'avs3d-bench[generate]'"):
     import numba
+    from numba.core import types
+    from numba.core.registry import CPUDispatcher
 
 # numba reads the variable when it is imported, which may have happened already.
 _config: Any = numba.config
 _config.CACHE_DIR = _KERNELS
+
+
+_unliteral: Callable[[Any], Any] = types.unliteral
+
+
+class _Kernel(CPUDispatcher):
+    """A kernel that compiles without the garbage collector, which would take a tenth of the time and find nothing."""
+
+    def compile(self, sig: Any) -> Any:
+        """Compile, or load, the function for the types ``sig``."""
+        collects = gc.isenabled()
+        gc.disable()
+        try:
+            return super().compile(sig)
+        finally:
+            if collects:
+                gc.enable()
+
+
+class _Inlined(CPUDispatcher):
+    """A function for kernels alone, compiled once for numbers of one type and without an entry from Python.
+
+    numba would compile it once more for each constant argument, with two wrappers each time: a third of the time that
+    all kernels take. Called from Python, it is the function as it is written.
+    """
+
+    def __call__(self, *args: Any, **named: Any) -> Any:
+        return self.py_func(*args, **named)
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """The types of a call from a kernel; a constant is a number of its type."""
+        return super().get_call_template(tuple(_unliteral(each) for each in args), kws)
 
 
 def njit(function: F) -> F:
@@ -86,12 +121,20 @@ def njit(function: F) -> F:
 
     The cache detects changes of the files of `kernel_digest` only: values from others must be passed as arguments.
     """
-    return cast(F, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+    if _config.DISABLE_JIT:
+        return function
+    options = {"nopython": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+    kernel = _Kernel(function, targetoptions=options)
+    kernel.enable_caching()
+    return cast(F, kernel)
 
 
 def inline(function: F) -> F:
     """Compile a small function that kernels call, and have LLVM inline it: to pass it arrays would take time."""
-    return cast(F, numba.njit(error_model="numpy", forceinline=True)(function))
+    if _config.DISABLE_JIT:
+        return function
+    options = {"nopython": True, "error_model": "numpy", "forceinline": True}
+    return cast(F, _Inlined(function, targetoptions=options | {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}))
 
 
 @lru_cache(maxsize=1)

@@ -160,6 +160,19 @@ class LightMap:
     texels: NDArray[np.float16]
 
 
+@dataclass(frozen=True, eq=False)
+class DenseMesh:
+    """The faces of a scan that pictures show where there are too many of them for all else.
+
+    Attributes:
+        mesh: without acoustic faces.
+        light_uv: (F, 3, 2) as `LightMap.uv`, in the light map of the part, if it has one.
+    """
+
+    mesh: Mesh
+    light_uv: F32 | None = None
+
+
 @dataclass(frozen=True)
 class Licence:
     """Licence, author and source of a part."""
@@ -175,7 +188,8 @@ class Part:
 
     ``instance_id`` is 0 for parts of the home, 1… for placed instances. ``light`` is None if the texture already
     contains the light (a scan, or a material that only emits): the colour is then texture × material colour. In a scan
-    ``light`` is the factor by which objects change what is displayed (`Scene.is_scan`).
+    ``light`` is the factor by which objects change what is displayed (`Scene.is_scan`). ``dense``: what pictures show
+    if ``mesh`` is a decimated copy of it.
     """
 
     name: str
@@ -184,6 +198,18 @@ class Part:
     category: str | None = None
     light: LightMap | None = None
     licence: Licence = field(default_factory=Licence)
+    dense: DenseMesh | None = None
+
+    @property
+    def shown(self) -> Part:
+        """The part as pictures show it."""
+        dense = self.dense
+        if dense is None:
+            return self
+        light = None
+        if self.light is not None and dense.light_uv is not None:
+            light = replace(self.light, uv=dense.light_uv)
+        return replace(self, mesh=dense.mesh, light=light, dense=None)
 
 
 @dataclass(frozen=True)
@@ -270,6 +296,8 @@ class ScanLight:
         ceiling: height (world Y, metres) from which on faces that look down belong to the ceiling.
         glow: (3,) float32 radiance that the ceiling has beyond what is shown of it.
         sun: the sun, if its patches were found.
+        black: (3,) float32 radiance that the pictures show where no light comes from: flare, fog, a lifted tone curve.
+            What this record says of the scan's radiance is without it.
     """
 
     position: F32
@@ -281,6 +309,7 @@ class ScanLight:
     ceiling: float
     glow: F32
     sun: ScanSun | None = None
+    black: F32 = field(default_factory=lambda: np.zeros(3, dtype=np.float32))
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,9 +350,19 @@ class Scene:
         hint = did_you_mean(name, known)
         raise Avs3dError(f"{self.name}: no room {excerpt(name)}; it has {', '.join(known) or 'none'}{hint}")
 
+    @property
+    def veil(self) -> F32:
+        """(3,) float32 radiance that lies over everything, as in the pictures of the scan (`ScanLight.black`)."""
+        return np.zeros(3, dtype=np.float32) if self.scan_light is None else self.scan_light.black
+
     def is_scan(self, part: Part) -> bool:
         """Whether the textures of ``part`` are pictures of a scan: their light is in them, developed for display."""
         return self.stage is not None and part.instance_id == 0
+
+    @property
+    def shown(self) -> Scene:
+        """The scene as pictures show it: with all faces of dense scans."""
+        return replace(self, parts=tuple(part.shown for part in self.parts))
 
     def for_room(self, name: str) -> Scene:
         """The same scene with the exposure and white balance of one room."""

@@ -27,7 +27,7 @@ from generators.lighting.interpolation import Slow
 from generators.lighting.lit_scene import LitScene
 from generators.lighting.radiosity import LinkTracer, final_gather, solve
 from generators.lighting.resolution import Fineness, lay_out, rims
-from generators.lighting.smoothing import fill, smooth, spread
+from generators.lighting.smoothing import despeckle, fill, smooth, spread
 from generators.lighting.sun import Sun, find_sun, sun_light
 from generators.lighting.surfaces import LitSurfaces, in_chunks, rows_in_chunks
 from generators.lighting.texels import Sheet, Texels, rasterise
@@ -293,5 +293,6 @@ def _smoothed(
     surfaces: LitSurfaces, sheet: Sheet, texels: Texels, blocks: Blocks, baked: tuple[F32, F32], workers: int
 ) -> F32:
     light, variance = baked
+    light = despeckle(surfaces, sheet, texels, light, blocks.of >= 0, workers)
     variance = np.where(blocks.of >= 0, variance, -1.0).astype(np.float32)
     return smooth(surfaces, sheet, texels, light, variance, workers=workers)

@@ -19,6 +19,8 @@ from generators.lighting.texels import Sheet, Texels
 CHUNK = 2048
 #: Blocks per piece of work: about as many texels.
 BLOCK_CHUNK = 192
+#: A texel of which more than half of the probes end nearer than this (m), some on what shines, is inside of a lamp.
+_NEAR = 0.1
 #: Rays per texel that tell whether it lies in free space.
 _PROBES = 8
 
@@ -71,18 +73,25 @@ def hemisphere_rays(position: F32, normal: F32, under: F32, pattern: I32, table:
 
 
 @njit
-def _count_backs(found: Any, directions: F32, face_normal: F32, count: Any, backs: I32) -> None:
-    for i in range(len(backs)):
-        back = 0
+def _count_hits(
+    found: Any, distance: F32, directions: F32, face_normal: F32, shines: Any, near: float, count: Any, met: I32
+) -> None:
+    """How many of each point's ``count`` rays meet the back of a face, anything near, what shines near (n, 3)."""
+    met[:] = 0
+    for i in range(len(met)):
         for row in range(i * count, (i + 1) * count):
             f = found[row]
-            if f >= 0:
-                side = 0.0
-                for c in range(3):
-                    side += directions[row, c] * face_normal[f, c]
-                if side > 0.0:
-                    back += 1
-        backs[i] = back
+            if f < 0:
+                continue
+            side = 0.0
+            for c in range(3):
+                side += directions[row, c] * face_normal[f, c]
+            if side > 0.0:
+                met[i, 0] += 1
+            if distance[row] < near:
+                met[i, 1] += 1
+                if shines[f]:
+                    met[i, 2] += 1
 
 
 def open_texels(
@@ -91,7 +100,9 @@ def open_texels(
     """(N,) which texels lie in free space; the others are inside of something (they mostly see the back of faces).
 
     A floor texel below a cupboard is such a one. Left in, its darkness would spread over the visible floor by
-    interpolation. All texels of a tile shoot a quarter of the probes; if none of them meets a back, the tile is open.
+    interpolation. A texel of the ceiling in the ring of a lamp is another: it sees the lamp close by, and its light
+    would spread in bright jags. All texels of a tile shoot a quarter of the probes; if none of them meets a back or a
+    lamp, the tile is open.
 
     Args:
         surfaces: the faces.
@@ -104,24 +115,28 @@ def open_texels(
     quarter = _PROBES // 4
     is_open = tiles.of >= 0
 
-    def backs(texel: NDArray[np.int64], probes: F32) -> NDArray[np.int32]:
-        """(n,) how many probes meet the back of a face."""
+    shines = np.any(surfaces.emission > 0, axis=1)[surfaces.material]
+
+    def hits_of(texel: NDArray[np.int64], probes: F32) -> NDArray[np.int32]:
+        """(n, 3) how many probes meet the back of a face, anything near, and near what shines."""
         under = surfaces.face_normal[texels.face[texel]]
         origins, directions = hemisphere_rays(
             texels.position[texel], texels.normal[texel], under, texels.pattern[texel], probes
         )
-        found = tracer.intersect(origins, directions)["primID"]
-        number = np.empty(len(texel), dtype=np.int32)
-        _count_backs(found, directions, surfaces.face_normal, probes.shape[1], number)
-        return number
+        hits = tracer.intersect(origins, directions)
+        met = np.empty((len(texel), 3), dtype=np.int32)
+        seen = hits["primID"], hits["tfar"], directions, surfaces.face_normal, shines, _NEAR, probes.shape[1]
+        _count_hits(*seen, met)
+        return met
 
     def work(first: int, last: int) -> None:
         texel = tiles.members[tiles.start[first] : tiles.start[last]]
-        met = backs(texel, np.ascontiguousarray(table[:, :quarter]))
+        met = hits_of(texel, np.ascontiguousarray(table[:, :quarter]))
         tile = tiles.of[texel] - first
-        unsure = np.flatnonzero((np.bincount(tile, met) > 0)[tile])
-        met[unsure] += backs(texel[unsure], np.ascontiguousarray(table[:, quarter:]))
-        is_open[texel] = met < 0.5 * _PROBES
+        unsure = np.flatnonzero((np.bincount(tile, met[:, 0] + met[:, 2]) > 0)[tile])
+        met[unsure] += hits_of(texel[unsure], np.ascontiguousarray(table[:, quarter:]))
+        back, near, lamp = met.T
+        is_open[texel] = (back < 0.5 * _PROBES) & ((lamp == 0) | (near <= 0.5 * _PROBES))
 
     in_chunks(work, len(tiles), BLOCK_CHUNK * tracer.calls_together, workers)
     return is_open

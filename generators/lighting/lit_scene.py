@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from generators.core.rays import Tracer
 from generators.core.scene import F32, I32, Part
@@ -131,12 +131,24 @@ def _undeveloped(surfaces: LitSurfaces, scanned: NDArray[np.bool_]) -> LitSurfac
     A camera's tone curve squeezed it into [0, 1]; ours stands for it, so that what lies under that light and goes
     through the curve again is as bright as the scan around it.
     """
+    return _changed(surfaces, scanned, inverse_tone_curve)
+
+
+def without_black(lit: LitScene, scanned: NDArray[np.bool_], black: F32) -> LitScene:
+    """``lit``, whose parts ``scanned`` (P,) show pictures, without the radiance ``black`` (3,) that lies over these."""
+    if not black.any():
+        return lit
+    return replace(lit, surfaces=_changed(lit.surfaces, scanned, lambda light: np.maximum(light - black, 0.0)))
+
+
+def _changed(surfaces: LitSurfaces, scanned: NDArray[np.bool_], change: Callable[[F32], ArrayLike]) -> LitSurfaces:
+    """The surfaces with other colours (N, 3) of the parts ``scanned`` (P,)."""
     own = np.zeros(len(surfaces.colour), dtype=bool)
     own[surfaces.material[scanned[surfaces.part]]] = True
     textured = surfaces.image[:, 0] > 0
     pixels, colour = surfaces.pixels.copy(), surfaces.colour.copy()
     for first, rows, columns in np.unique(surfaces.image[own & textured], axis=0):
         texture = slice(first, first + rows * columns)
-        pixels[texture] = inverse_tone_curve(pixels[texture])
-    colour[own & ~textured] = inverse_tone_curve(colour[own & ~textured])
+        pixels[texture] = change(pixels[texture])
+    colour[own & ~textured] = change(colour[own & ~textured])
     return replace(surfaces, pixels=pixels, colour=colour)

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from generators.core.arrays import distinct_rows
 from generators.core.low_discrepancy import TILE, cosine_directions
-from generators.core.scene import F32, LightMap, Mesh, Part, Scene
+from generators.core.scene import F32, DenseMesh, LightMap, Mesh, Part, Scene
 from generators.core.tone import tone_curve
 from generators.lighting.direct import direct_light
 from generators.lighting.gather import CHUNK, hemisphere_rays
@@ -64,14 +64,46 @@ def with_shadow_maps(scene: Scene, boxes: Sequence[F32]) -> Scene:
             continue
         mesh = part.mesh
         if near.all():
-            parts.append(replace(part, mesh=_smoothed(mesh), light=_blank(mesh.positions, texel)))
+            parts.append(_mapped(part, mesh, part.dense, texel))
             continue
         # The sound of the whole part stays with the rest, which is never changed again.
         silent = replace(mesh, acoustic_positions=mesh.acoustic_positions[:0], acoustic_labels=())
-        piece = _smoothed(_faces(silent, near))
-        parts.append(replace(part, mesh=_faces(mesh, ~near)))
-        parts.append(replace(part, mesh=piece, light=_blank(piece.positions, texel)))
+        rest = own = None
+        if part.dense is not None:
+            close = _near(part.dense.mesh.positions, boxes)
+            rest, own = (DenseMesh(_faces(part.dense.mesh, which)) for which in (~close, close))
+        parts.append(replace(part, mesh=_faces(mesh, ~near), dense=rest))
+        parts.append(_mapped(part, _faces(silent, near), own, texel))
     return replace(scene, parts=tuple(parts))
+
+
+def _mapped(part: Part, mesh: Mesh, dense: DenseMesh | None, texel: float) -> Part:
+    """``part`` with the faces of ``mesh``, in pictures those of ``dense``, and a map without shadows."""
+    light = _blank(mesh.positions, texel)
+    if dense is not None:
+        dense = replace(dense, light_uv=_carried(dense.mesh.positions, mesh.positions, light.uv))
+    return replace(part, mesh=_smoothed(mesh), light=light, dense=dense)
+
+
+def _carried(triangles: F32, base: F32, uv: F32) -> F32:
+    """(F, 3, 2) where faces (F, 3, 3) lie in a map in which faces ``base`` (N, 3, 3) lie at ``uv`` (N, 3, 2).
+
+    Each takes the place of the nearest face of ``base`` that looks the same way; corners beyond that lie on its rim.
+    """
+    # A turn of the normal by one radian counts like 3 cm.
+    keys = (np.concatenate([t.mean(axis=1), 0.03 * _unit(_face_normals(t))], axis=1) for t in (base, triangles))
+    tree, where = keys
+    nearest = cKDTree(tree).query(where)[1]
+    corner = base[nearest].astype(np.float64)
+    edges = corner[:, 1:] - corner[:, :1]
+    gram = np.einsum("fik,fjk->fij", edges, edges)
+    onto = np.einsum("fik,fck->fci", edges, triangles - corner[:, :1])
+    determinant = np.maximum(gram[:, 0, 0] * gram[:, 1, 1] - gram[:, 0, 1] ** 2, 1e-24)[:, None]
+    v = (gram[:, 1, 1, None] * onto[..., 0] - gram[:, 0, 1, None] * onto[..., 1]) / determinant
+    w = (gram[:, 0, 0, None] * onto[..., 1] - gram[:, 0, 1, None] * onto[..., 0]) / determinant
+    shares = np.maximum(np.stack([1 - v - w, v, w], axis=2), 0.0)
+    shares /= shares.sum(axis=2, keepdims=True)
+    return np.asarray(np.einsum("fcs,fsk->fck", shares, uv[nearest].astype(np.float64)).astype(np.float32))
 
 
 def _has_pictures(mesh: Mesh) -> bool:
@@ -258,7 +290,10 @@ def beyond_bumps(directions: F32) -> F32:
     return ahead[:, None]
 
 
-def displayed(radiance: F32, ratio: F32) -> F32:
-    """The factor (N, 3) of display light when radiance (N, 3), as a scan's texels show it, changes by ``ratio``."""
+def displayed(radiance: F32, ratio: F32, black: F32 | float = 0.0) -> F32:
+    """The factor (N, 3) of display light when radiance (N, 3), as a scan's texels show it, changes by ``ratio``.
+
+    Over it lies the radiance ``black``, which does not change.
+    """
     shown = np.maximum(radiance, 1e-3)
-    return np.asarray((tone_curve(shown * ratio) / tone_curve(shown)).astype(np.float32))
+    return np.asarray((tone_curve(shown * ratio + black) / tone_curve(shown + black)).astype(np.float32))

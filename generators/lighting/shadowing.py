@@ -73,7 +73,7 @@ def shadowed(parts: tuple[Part, ...], room: Surroundings, objects: Objects, cell
         # A scan's map holds factors of what is displayed.
         before = base.light[texels.cell[shaded]]
         old[shaded] = before
-        shown = displayed(texels.albedo[shaded] * before, ratio[shaded])
+        shown = displayed(texels.albedo[shaded] * before, ratio[shaded], room.black)
         new = old * ratio
         new[shaded] = before * shown
         new = new[changed]

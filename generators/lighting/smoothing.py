@@ -19,6 +19,8 @@ _WINDOW = np.array([0.5, 1.0, 1.0, 1.0, 0.5])
 _REACH = 2.5
 #: Added to the variance of the texels' places (texels²), so that one or two texels give no wild slope.
 _RIDGE = 0.1
+#: A texel is a speckle only if so many around it are known.
+_FEW = 3
 #: The first unknown texel beside known ones gets at least this part of their light.
 _LEAST = 0.85
 #: Cells beyond the covered ones that get a value, for look-up with rounding errors and for mip-maps.
@@ -129,6 +131,66 @@ def _smooth(
                     lowest[c], highest[c] = min(lowest[c], light[j, c]), max(highest[c], light[j, c])
         for c in range(3):
             out[i, c] = min(max(sums[c], lowest[c]), highest[c])
+
+
+@njit
+def _despeckle(
+    light: F32,
+    known: NDArray[np.bool_],
+    chart: I32,
+    cell: NDArray[np.int64],
+    index: I32,
+    part: I32,
+    offset: NDArray[np.int64],
+    width: NDArray[np.int64],
+    height: NDArray[np.int64],
+    least: int,
+    first: int,
+    last: int,
+    out: F32,
+) -> None:
+    highest = np.empty(3, dtype=np.float32)
+    for i in range(first, last):
+        if not known[i]:
+            continue
+        p = part[i]
+        local = cell[i] - offset[p]
+        row, column = local // width[p], local % width[p]
+        highest[:] = 0.0
+        count = 0
+        for dy in range(-1, 2):
+            for dx in range(-1, 2):
+                y, x = row + dy, column + dx
+                if (dx == 0 and dy == 0) or y < 0 or y >= height[p] or x < 0 or x >= width[p]:
+                    continue
+                j = index[offset[p] + y * width[p] + x]
+                if j < 0 or not known[j] or chart[j] != chart[i]:
+                    continue
+                count += 1
+                for c in range(3):
+                    highest[c] = max(highest[c], light[j, c])
+        if count >= least:
+            for c in range(3):
+                out[i, c] = min(out[i, c], highest[c])
+
+
+def despeckle(
+    surfaces: LitSurfaces, sheet: Sheet, texels: Texels, light: F32, known: NDArray[np.bool_], workers: int = 1
+) -> F32:
+    """A copy of (N, 3) ``light`` in which no ``known`` texel is brighter than all of those around it in its chart.
+
+    A texel of which one ray by chance meets something small and bright is not averaged away by `smooth`, because it
+    differs from its neighbours by more than their noise. Texels with fewer than `_FEW` known neighbours stay.
+    """
+    out = light.copy()
+    part, chart = surfaces.part[texels.face], sheet.chart[texels.face]
+    maps = (sheet.offset, sheet.width, sheet.height)
+
+    def work(first: int, last: int) -> None:
+        _despeckle(light, known, chart, texels.cell, texels.index, part, *maps, _FEW, first, last, out)
+
+    in_chunks(work, len(light), _CHUNK, workers)
+    return out
 
 
 def smooth(

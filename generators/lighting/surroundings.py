@@ -11,7 +11,7 @@ from generators.core.rays import Tracer
 from generators.core.scene import F32, I32, Scene
 from generators.lighting.direct import shadow_rays
 from generators.lighting.emitters import BRIGHT, Emitters, bright_patches, find_emitters
-from generators.lighting.lit_scene import LitScene
+from generators.lighting.lit_scene import LitScene, without_black
 from generators.lighting.scan_light import emitters_of, without_emitters
 from generators.lighting.scan_sun import beam_of
 from generators.lighting.sun import Sun, find_sun
@@ -70,6 +70,7 @@ class Surroundings:
         emitters: windows, lamps and bright patches.
         sun: the sun, if it shines in.
         scanned: (P,) which parts of the room are a scan; their maps are factors of what is displayed.
+        black: (3,) radiance that lies over the scan's pictures; ``lit`` and ``dim`` are without it.
     """
 
     lit: LitScene
@@ -78,6 +79,7 @@ class Surroundings:
     emitters: Emitters
     sun: Sun | None
     scanned: NDArray[np.bool_]
+    black: F32
 
     @property
     def tracer(self) -> Tracer:
@@ -89,6 +91,8 @@ class Surroundings:
         """The surroundings of objects with the bounds ``boxes``."""
         scanned = np.array([scene.is_scan(part) for part in scene.parts], dtype=bool)
         lit = LitScene.of(scene.parts, scanned.tolist() if scanned.any() else None)
+        black = scene.veil
+        lit = without_black(lit, scanned, black)
         surfaces = lit.surfaces
         mapped = np.array([part.light is not None for part in scene.parts])
         low, high = surfaces.triangles.min(axis=1), surfaces.triangles.max(axis=1)
@@ -101,7 +105,7 @@ class Surroundings:
             emitters = emitters.joined(emitters_of(scene.scan_light, SAMPLES, boxes))
             dim = without_emitters(scene.scan_light, lit, scanned)
             sun = beam_of(scene.scan_light, scene.rooms, surfaces, scanned[surfaces.part])
-            return Surroundings(lit, dim, texels, emitters, sun, scanned)
+            return Surroundings(lit, dim, texels, emitters, sun, scanned, black)
         light = lit.light
         if len(texels):
             radiance = texels.albedo * light[texels.cell]
@@ -121,7 +125,7 @@ class Surroundings:
             light = light.copy()
             light[texels.cell[bright[used]]] = 0.0
         return Surroundings(
-            lit, replace(lit, light=light), texels, emitters, find_sun(scene.name, surfaces, lit.tracer), scanned
+            lit, replace(lit, light=light), texels, emitters, find_sun(scene.name, surfaces, lit.tracer), scanned, black
         )
 
     def reach(self, objects: Objects) -> NDArray[np.bool_]:

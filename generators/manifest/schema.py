@@ -297,7 +297,7 @@ class DirectivitySpec(_Model):
 
     The words ``omni``, alike in all directions, and ``auto``, the model of the source's category; ``cardioid``, its
     order, with ``axis`` (x, y, z in the object's frame: y up, z to the front) and ``omni_share``; ``file``, a SOFA file
-    (FreeFieldDirectivityTF) with its ``licence``.
+    (FreeFieldDirectivityTF) or a table as CSV or NPZ, with its ``licence``.
     """
 
     word: Literal["omni", "auto"] | None = None
@@ -313,7 +313,7 @@ class DirectivitySpec(_Model):
         if len(kinds) != 1:
             raise ValueError(
                 f"found {' and '.join(kinds) or 'nothing'}; expected exactly one of omni, auto, {{cardioid: ORDER}}, "
-                "{file: FILE.sofa, licence: …}"
+                "{file: FILE.sofa or .csv or .npz, licence: …}"
             )
         if self.cardioid is None and self.model_fields_set & {"axis", "omni_share"}:
             raise ValueError("axis and omni_share belong to cardioid; leave them out")
@@ -338,6 +338,7 @@ OMNI = DirectivitySpec(word="omni")
 Directed = BeforeValidator(_directivity)
 SourceMotion = Literal["static", "path"]
 Twins = Literal["apart", "alike"]
+Agent = Literal["walking", "turning", "standing"]
 Seconds = Annotated[Number, Field(ge=0.0, le=float(FRAMES[1]))]
 Count = Annotated[int, Field(ge=1, le=MOST_COPIES, strict=True)]
 
@@ -514,9 +515,11 @@ class ObservationSpec(_Model):
     of identical objects, and ``sources`` says which of them sound, with a diffuse ``background`` if there is one.
     With ``twins: alike`` identical objects stand near one another, and the walk keeps their distances alike.
 
-    ``acoustics``, ``source_motion`` and ``directivity`` default to those of the manifest. ``like`` is the key of the
-    observation that this one is an acoustic variant or a sibling of, ``variant_of`` that of which a part_3 observation
-    is a variant (see `Manifest`).
+    The ``agent`` is walking, or it stays at a place of its walk: turning slowly, or standing.
+
+    ``acoustics``, ``source_motion``, ``agent`` and ``directivity`` default to those of the manifest. ``like`` is the
+    key of the observation that this one is an acoustic variant or a sibling of, ``variant_of`` that of which a part_3
+    observation is a variant (see `Manifest`).
     """
 
     part: Part
@@ -532,6 +535,7 @@ class ObservationSpec(_Model):
     variant: Line | None = None
     acoustics: AcousticsSpec = AcousticsSpec()
     source_motion: SourceMotion = "static"
+    agent: Agent = "walking"
     directivity: Annotated[DirectivitySpec, Directed] = OMNI
     like: Line | None = None
     variant_of: Line | None = None
@@ -652,6 +656,7 @@ class ObservationSpec(_Model):
     def identity(self) -> dict[str, Any]:
         """Content for digests: options that later versions added count only where they are set."""
         usual: dict[str, Any] = {"acoustics": AcousticsSpec().model_dump(), "source_motion": "static", "twins": "apart"}
+        usual["agent"] = "walking"
         usual |= dict.fromkeys(("like", "variant_of", "sources", "background"))
         usual["directivity"] = OMNI.model_dump()
         document = self.model_dump()
@@ -702,6 +707,7 @@ class Manifest(_Model):
     notes: str = ""
     acoustics: AcousticsSpec = AcousticsSpec()
     source_motion: SourceMotion = "static"
+    agent: Agent = "walking"
     directivity: Annotated[DirectivitySpec, Directed] = OMNI
     observations: tuple[ObservationSpec, ...] = Field(min_length=1)
 
@@ -719,7 +725,9 @@ class Manifest(_Model):
         """Fill in the fields that entries take from the manifest, and variants from their original."""
         if not isinstance(document, dict) or not isinstance(document.get("observations"), list | tuple):
             return document
-        shared = {name: document[name] for name in ("acoustics", "source_motion", "directivity") if name in document}
+        shared = {
+            name: document[name] for name in ("acoustics", "source_motion", "agent", "directivity") if name in document
+        }
         entries, faults = resolve_variants(document["observations"], shared)
         if faults:
             raise FieldError(*faults)

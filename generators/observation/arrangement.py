@@ -25,6 +25,7 @@ from generators.manifest.schema import ObjectSpec, SoundSpec
 from generators.objects import build
 from generators.observation.parts import rules_of
 from generators.paths.motion import Motion, movable, plan_motion
+from generators.paths.standing import stay
 from generators.paths.trajectory import WalkTask, plan_walk
 from generators.placement.placement import RULES, TWIN_SPAN, Placement, Rule, place
 from generators.placement.site import Site
@@ -79,7 +80,12 @@ def arrange(
         alike=copies_of(placements) if plan.spec.twins == "alike" else (),
     )
     walk = plan_walk(task, plan.rng("path"))
-    return Arrangement(placements, walk.poses, walk.notes, motion)
+    if plan.spec.agent == "walking":
+        return Arrangement(placements, walk.poses, walk.notes, motion)
+    turns = plan.spec.agent == "turning"
+    poses = stay(walk.poses, plan.rng("agent"), turns=turns, motion=motion, name=site.name)
+    # What the walk would have seen says nothing of what is seen from one place.
+    return Arrangement(placements, poses, tuple(one.relaxed for one in placements if one.relaxed), motion)
 
 
 def copies_of(placements: Sequence[Placement]) -> tuple[tuple[int, ...], ...]:

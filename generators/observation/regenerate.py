@@ -64,9 +64,9 @@ def regenerate(
     if record is None:
         raise UsageError(f"{root}: no {layout.DATASET_JSON}, and so no manifest from which to regenerate frames")
     with tempfile.TemporaryDirectory(prefix="avs3d-regenerate-") as folder:
-        source = _manifest(record, manifest, Path(folder))
+        source = stored_manifest(record, manifest, Path(folder))
         try:
-            plans = {key: _plan(source, dataset[key], record, hrtf) for key in chosen}
+            plans = {key: stored_plan(source, dataset[key], record, hrtf) for key in chosen}
         except Avs3dError as error:
             if folder not in str(error):
                 raise
@@ -79,7 +79,17 @@ def regenerate(
             yield from _compare(plans[key], dataset[key], tuple(indices))
 
 
-def _manifest(record: DatasetRecord, manifest: Path | None, folder: Path) -> ManifestFile:
+def stored_manifest(record: DatasetRecord, manifest: Path | None, folder: Path) -> ManifestFile:
+    """The manifest from which a dataset was made, as a file.
+
+    Args:
+        record: dataset.json.
+        manifest: the manifest's file, if it names files beside it; None: the text in ``record``.
+        folder: where that text is written.
+
+    Raises:
+        UsageError: if ``manifest`` is another one.
+    """
     if manifest is not None:
         source = read_manifest(manifest)
         if source.sha256 != record.manifest_sha256:
@@ -90,7 +100,9 @@ def _manifest(record: DatasetRecord, manifest: Path | None, folder: Path) -> Man
     return read_manifest(path)
 
 
-def _plan(source: ManifestFile, observation: Observation, dataset: DatasetRecord, hrtf: Path | None) -> ObservationPlan:
+def stored_plan(
+    source: ManifestFile, observation: Observation, dataset: DatasetRecord, hrtf: Path | None
+) -> ObservationPlan:
     """The plan of an observation as it was made.
 
     Raises:

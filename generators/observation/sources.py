@@ -176,7 +176,7 @@ def _licence_of_directivity(plan: ObservationPlan, source: SourceSpec) -> Licenc
 
 @lru_cache(maxsize=4)
 def _directivity_file(path: Path) -> Directivity:
-    return Directivity.sofa(path)
+    return Directivity.file(path)
 
 
 def drawn_level(plan: ObservationPlan, category: str, nth: int = 1) -> float:

@@ -19,6 +19,10 @@ from generators.sampling.name_option import name_option
 
 #: Compositions of groups, the usual one first (checked by tests/generators/test_sampling.py); splits of the sounds.
 GROUPS, SPLITS = ("training", "listen"), get_args(SoundSplit)
+#: What a manifest may be sampled for besides, with a composition of its own; and its frames and its parts, usually.
+PURPOSES = {"seld": (60, ("part_1", "part_3"))}
+#: Frames, usually.
+USUAL_FRAMES = 24
 #: Least number of frames: the programmes of several sources must fit.
 LEAST_FRAMES = 8
 #: Largest numbers of homes and observations; a manifest of 100,000 observations has 13 MB.
@@ -27,8 +31,10 @@ MOST_HOMES, MOST_OBSERVATIONS = 10_000, 100_000
 MOST_SEED = 2**64 - 1
 
 
-def _parts(_: click.Context, __: click.Parameter, value: str) -> tuple[str, ...]:
-    """Read ``part_1,part_3``."""
+def _parts(_: click.Context, __: click.Parameter, value: str | None) -> tuple[str, ...] | None:
+    """Read ``part_1,part_3``; None is up to what the manifest is for."""
+    if value is None:
+        return None
     names = tuple(name.strip() for name in value.split(",") if name.strip())
     for name in names:
         if name not in PARTS:
@@ -72,7 +78,14 @@ def manifest() -> None:
     "--seed", type=click.IntRange(0, MOST_SEED), required=True, metavar="S", help="Seed of the draws and the manifest."
 )
 @click.option(
-    "--parts", callback=_parts, default=",".join(PARTS), show_default=True, metavar="PARTS", help="Parts to sample."
+    "--parts", callback=_parts, default=None, metavar="PARTS", help="Parts to sample [all; for seld part_1,part_3]."
+)
+@click.option(
+    "--for",
+    "purpose",
+    type=click.Choice(list(PURPOSES)),
+    default=None,
+    help="seld: minutes with several events or a moving one, an agent that stands, turns or walks (`export seld`).",
 )
 @click.option(
     "--groups",
@@ -112,9 +125,8 @@ def manifest() -> None:
 @click.option(
     "--frames",
     type=click.IntRange(LEAST_FRAMES, FRAMES[1]),
-    default=24,
-    show_default=True,
-    help="Frames per observation.",
+    default=None,
+    help=f"Frames per observation [{USUAL_FRAMES}; for seld {PURPOSES['seld'][0]}].",
 )
 @click.option(
     "--light",
@@ -167,6 +179,7 @@ def sample_command(
     from generators.sampling.sample import Wanted, sample
     from generators.sampling.statistics import tables
 
+    _fill_in(chosen)
     extra = {"light": chosen.pop("light"), "audio": chosen.pop("audio")}
     head = chosen.pop("hrtf")
     extra |= {} if head == "sphere" else {"hrtf": head}
@@ -191,12 +204,29 @@ def sample_command(
     click.echo(f"{output}: {len(document['observations'])} observations in {len(document['scans'])} homes")
 
 
+def _fill_in(chosen: dict[str, Any]) -> None:
+    """Replace the purpose by the composition that it stands for, and fill in what depends on it.
+
+    Raises:
+        UsageError: if another composition is asked for as well.
+    """
+    purpose = chosen.pop("purpose")
+    frames, parts = PURPOSES.get(purpose, (USUAL_FRAMES, PARTS))
+    if purpose is not None:
+        if chosen["groups"] != GROUPS[0]:
+            raise UsageError(f"--groups {chosen['groups']}: --for {purpose} has a composition of its own; leave it out")
+        chosen["groups"] = purpose
+    chosen["frames"] = chosen["frames"] or frames
+    chosen["parts"] = chosen["parts"] or parts
+
+
 def _command_line(wanted: Any, name: str, exclude: tuple[Path, ...], check: bool) -> str:
     """The command that makes the same file, without the name of the file."""
     words = ["avs3d", "manifest", "sample", "--name", name]
     words += ["--homes", str(wanted.homes), "--observations", str(wanted.observations), "--seed", str(wanted.seed)]
     words += ["--parts", ",".join(wanted.parts)]
-    words += ["--groups", wanted.groups] if wanted.groups != GROUPS[0] else []
+    if wanted.groups != GROUPS[0]:
+        words += ["--for" if wanted.groups in PURPOSES else "--groups", wanted.groups]
     for path in exclude:
         words += ["--exclude", str(path)]
     words += ["--hold-out-models"] if wanted.hold_out_models else []

@@ -9,8 +9,8 @@ marked, and in ``listen`` also together with what sounds in the room, so that it
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import cycle, islice
 
 from numpy.random import Generator
@@ -18,7 +18,11 @@ from numpy.random import Generator
 from generators.manifest.schema import Twins
 from generators.sampling.rooms import MOST
 from generators.sampling.siblings import GROUP, Sibling, Source, siblings
+from generators.sampling.soundscapes import AGENTS, MOVING, SCENE_SHARES, soundscape
 
+#: Shares of the parts in the observations. A group of part_3 has six observations with the same pictures, so that the
+#: three parts have about as many pictures each.
+SHARES = {"part_1": 1, "part_2": 1, "part_3": 8}
 #: Range of the level of each source (dB re the common loudness), so that loudness tells no distance: 18 dB are three
 #: doublings of it in the free field, more than the walk through a room has.
 LEVELS = (-9.0, 9.0)
@@ -117,6 +121,9 @@ class Composition:
         twins: how twins are placed (see `generators.manifest.schema.ObservationSpec`).
         same_again: how often objects that do not fit are placed anew before others are drawn.
         in_turn: whether every second group has a background; else that is drawn.
+        shares: part → its share of the observations.
+        agents: what the agent does, in every home one as often as the other; the manifest's default if there are none.
+        moving: room → the categories of part_1 that sound there, and move; nothing moves if there are none.
     """
 
     siblings: Callable[[str, dict[str, int], int, int, Generator, str | None], list[Sibling]]
@@ -128,6 +135,9 @@ class Composition:
     twins: Twins = "apart"
     same_again: int = 0
     in_turn: bool = False
+    shares: Mapping[str, int] = field(default_factory=lambda: SHARES)
+    agents: tuple[str, ...] = ()
+    moving: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 COMPOSITIONS = {
@@ -141,5 +151,8 @@ COMPOSITIONS = {
         twins="alike",
         same_again=6,
         in_turn=True,
+    ),
+    "seld": Composition(
+        soundscape, 1, single_share=0.5, least_beside=1, shares=SCENE_SHARES, agents=AGENTS, moving=MOVING
     ),
 }

@@ -10,7 +10,7 @@ All draws follow from the seed of the manifest. Each unit has a random stream of
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
@@ -22,7 +22,7 @@ from avs3d_bench.contract.taxonomy import OFF_SCREEN_CATEGORIES as _NO_CLASS
 from avs3d_bench.errors import Avs3dError, UsageError
 from generators.core.limits import SoundSplit
 from generators.manifest.schema import Manifest
-from generators.sampling.compositions import COMPOSITIONS
+from generators.sampling.compositions import COMPOSITIONS, SHARES
 from generators.sampling.excluded import Excluded
 from generators.sampling.rooms import DISTRACTORS_IN, LOOK_ALIKE_SHARE, LOOK_ALIKES, MADE_BY, MOST, MOST_BESIDE
 
@@ -30,9 +30,6 @@ _T = TypeVar("_T")
 
 #: Range of the seeds of homes; hand-written manifests and the surveys of benchmarks/ have smaller ones.
 SEEDS = (1_000_000, 10_000_000)
-#: Shares of the parts in the observations. A group of part_3 has six observations with the same pictures, so that the
-#: three parts have about as many pictures each.
-SHARES = {"part_1": 1, "part_2": 1, "part_3": 8}
 #: Largest index of an observation in its room.
 MOST_INDEX = 99
 #: Index of the first sibling of a group: 1, 11, 21, … as in scenes_manifest/listen.yaml.
@@ -158,15 +155,15 @@ def draw_homes(wanted: Wanted, excluded: Excluded) -> dict[str, dict[str, Any]]:
     return scans
 
 
-def shares(observations: int, parts: Sequence[str]) -> dict[str, int]:
-    """Part → number of its observations, in proportion to `SHARES`; what is left by rounding goes to the last part.
+def shares(observations: int, parts: Sequence[str], of: Mapping[str, int] = SHARES) -> dict[str, int]:
+    """Part → number of its observations, in proportion to its share; what is left by rounding goes to the last part.
 
     Examples:
         >>> shares(1504, ("part_1", "part_2", "part_3"))
         {'part_1': 150, 'part_2': 150, 'part_3': 1204}
     """
-    whole = sum(SHARES[part] for part in parts)
-    counts = {part: observations * SHARES[part] // whole for part in parts}
+    whole = sum(of[part] for part in parts)
+    counts = {part: observations * of[part] // whole for part in parts}
     counts[parts[-1]] += observations - sum(counts.values())
     return counts
 
@@ -191,10 +188,10 @@ class _Drawer:
             UsageError: if a room would have more observations than it can take.
         """
         units: list[tuple[str, int]] = []
-        for part, count in shares(self._wanted.observations, sorted(self._wanted.parts)).items():
+        for part, count in self._counts().items():
             size = self._composition.size if part == "part_3" else 1
             units += [(part, min(size, count - start)) for start in range(0, count, size)]
-            most = size * self._most(part) * len(MOST) * len(self._homes)
+            most = size * self._most(part) * len(self._rooms_of(part)) * len(self._homes)
             if count > most:
                 raise UsageError(
                     f"--observations {self._wanted.observations}: {len(self._homes)} homes take at most {most} "
@@ -203,10 +200,30 @@ class _Drawer:
         order = _stream(self._wanted.seed, "homes/order").permutation(len(self._homes)).tolist()
         return [(part, self._homes[order[n % len(order)]], size) for n, (part, size) in enumerate(units)]
 
+    def _counts(self) -> dict[str, int]:
+        """Part → number of its observations.
+
+        Raises:
+            UsageError: if the composition has no share for a part.
+        """
+        of = self._composition.shares
+        surplus = sorted(set(self._wanted.parts) - set(of))
+        if surplus:
+            raise UsageError(
+                f"--parts {','.join(self._wanted.parts)}: {self._wanted.groups} has no {surplus[0]}; expected some of "
+                f"{','.join(of)}"
+            )
+        return shares(self._wanted.observations, sorted(self._wanted.parts), of)
+
+    def _rooms_of(self, part: str) -> list[str]:
+        """The rooms in which a part takes place."""
+        moving = self._composition.moving if part == "part_1" else {}
+        return [room for room in MOST if not moving or room in moving]
+
     def unit(self, number: int, part: str, home: str, size: int) -> SampledGroup:
         """Draw a unit in the room of its home that has the fewest."""
         rng = _stream(self._wanted.seed, f"unit/{number}")
-        usable = [room for room in MOST if self._in_room[part, home, room] < self._most(part)]
+        usable = [room for room in self._rooms_of(part) if self._in_room[part, home, room] < self._most(part)]
         counts = [(self._rooms[home, room], self._rooms[part, room]) for room in usable]
         room = _rarest(usable, counts, rng)
         self._rooms[home, room] += 1
@@ -255,16 +272,26 @@ class _Drawer:
 
     def _fill(self, where: dict[str, Any], size: int, number: int, rng: Generator) -> SampledGroup:
         part, room = where["part"], where["room"]
-        focus = _rarest(list(MOST[room]), [self._focus[name] for name in MOST[room]], rng)
+        moving = self._composition.moving.get(room, ()) if part == "part_1" else ()
+        known = list(moving or MOST[room])
+        focus = _rarest(known, [self._focus[name] for name in known], rng)
         self._focus[focus] += size
         single = part == "part_1" or (part == "part_3" and rng.uniform() < self._composition.single_share)
         numbers = [1] if single else list(range(2, MOST[room][focus] + 1))
         count = _rarest(numbers, [self._focus[focus, n] for n in numbers], rng)
         self._focus[focus, count] += 1
         beside = self._beside(room, focus, single, rng)
+        agents = self._composition.agents
+        if agents:
+            home = where["scan"]
+            used = [(self._focus["agent", home, name], self._focus["agent", name]) for name in agents]
+            one = _rarest(agents, used, rng)
+            self._focus["agent", home, one] += 1
+            self._focus["agent", one] += 1
+            where = where | {"agent": one}
         if part == "part_3":
             return self._group(where, {focus: count} | dict.fromkeys(beside, 1), size, number, rng)
-        entry = where | {"category": focus}
+        entry = where | {"category": focus} | ({"source_motion": "path"} if moving else {})
         if part == "part_2":
             entry["instances"] = count
         if beside:

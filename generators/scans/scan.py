@@ -9,8 +9,9 @@ that the scan's annotations show (generators/scans/rooms.py); what can carry an 
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +23,10 @@ from generators.assets.acoustic_twin import clustered
 from generators.assets.meshfile import load_mesh
 from generators.assets.modelframe import upright
 from generators.core.boxes import yaw_matrix
-from generators.core.scene import Licence, Material, Mesh, Part, Room, Scene, SplatFile, StageFile, Support
+from generators.core.scene import DenseMesh, Licence, Material, Mesh, Part, Room, Scene, SplatFile, StageFile, Support
 from generators.scans.annotations import Annotations
 from generators.scans.backing import backing_of
+from generators.scans.decimation import ScanMesh, for_rays
 from generators.scans.files import ScanFiles, find_scan_files, scan_files_of
 from generators.scans.hm3d import read_hm3d
 from generators.scans.mp3d import read_mp3d
@@ -140,10 +142,26 @@ def load_scan(
     acoustics: ScanAcoustics = ScanAcoustics(),  # frozen
     need: Sequence[str] = (),
 ) -> Scene:
-    """Read a scan; see `read_scan`."""
-    return read_scan(
-        name, source, rooms, licence=licence, axes=axes, textures=textures, acoustics=acoustics, need=need
-    )[0]
+    """Read a scan; see `read_scan`.
+
+    ``textures``: whether colour is read; a renderer that reads `Scene.stage` itself needs none.
+    """
+    load = partial(load_scan_mesh, textures=textures)
+    return read_scan(name, source, rooms, licence=licence, axes=axes, acoustics=acoustics, need=need, load=load)[0]
+
+
+def load_scan_mesh(path: Path, textures: bool = True) -> ScanMesh:
+    """The mesh of a scan in the axes and the unit of its file; without ``textures`` it is plain.
+
+    Its materials are matte and do not shine: what reflects or shines is in the pictures already.
+
+    Raises:
+        Avs3dError: if it is broken.
+    """
+    mesh = load_mesh(path, acoustic=DEFAULT_LABEL, twin="surface", max_acoustic_faces=sys.maxsize, textures=textures)
+    looks = ((m.colour, m.texture) if textures else (PLAIN, None) for m in mesh.materials)
+    pictures = (Material(m.name, m.acoustic, *look) for m, look in zip(mesh.materials, looks, strict=True))
+    return for_rays(replace(mesh, materials=tuple(pictures)))
 
 
 def read_scan(
@@ -153,9 +171,9 @@ def read_scan(
     *,
     licence: Licence | None = None,
     axes: Axes = Axes(),  # frozen
-    textures: bool = True,
     acoustics: ScanAcoustics = ScanAcoustics(),  # frozen
     need: Sequence[str] = (),
+    load: Callable[[Path], ScanMesh] = load_scan_mesh,
 ) -> tuple[Scene, SoundReport]:
     """Read a scan.
 
@@ -166,13 +184,14 @@ def read_scan(
             that are missing here are looked for in the annotations.
         licence: of the scan; without it, that it comes from ``source`` and its terms are not known.
         axes: of the file.
-        textures: whether colour is read; a renderer that reads `Scene.stage` itself needs none.
         acoustics: materials and reverberation times that are known.
         need: rooms without which the scan is of no use.
+        load: reads the mesh of the file.
 
     Returns:
-        One part with instance id 0, without a light map; the rooms; the supports found in each; the stage's file and
-        that of the splats. And what was guessed about its sound.
+        One part with instance id 0, without a light map, decimated if the scan is dense (see
+        `generators.scans.decimation`); the rooms; the supports found in each; the stage's file and that of the splats.
+        And what was guessed about its sound.
 
     Raises:
         Avs3dError: if the scan is unknown, a file of it is missing or broken, its textures need a decoder that is not
@@ -193,7 +212,7 @@ def read_scan(
         raise Avs3dError(
             f"scan {name}: no rooms given, and no annotations show any; expected the box of at least one room"
         )
-    mesh = _read_mesh(files.mesh, rotation, textures, axes.scale)
+    mesh, dense = _placed(files.mesh, load(files.mesh), rotation, axes.scale)
     supports: list[Support] = []
     found: list[tuple[Room, float]] = []
     for label, box in boxes.items():
@@ -208,7 +227,8 @@ def read_scan(
         found.append((_on_floor(room, floor), floor))
         supports += own if annotations is None else [s for s in own if _usable(s, annotations)]
     mesh, report = _with_sound(mesh, found, annotations, acoustics, acoustics.times(name, [room for room, _ in found]))
-    part = Part(name, mesh, licence=licence or Licence("unknown", "unknown", files.mesh.name))
+    licence = licence or Licence("unknown", "unknown", files.mesh.name)
+    part = Part(name, mesh, licence=licence, dense=None if dense is None else DenseMesh(dense))
     stage = StageFile(files.mesh, axes.up or files.up, axes.front or files.front, axes.turn, axes.scale)
     splats = SplatFile(files.splats, similarity(rotation, axes.scale)) if files.splats is not None else None
     return Scene(name, (part,), tuple(room for room, _ in found), tuple(supports), stage=stage, splats=splats), report
@@ -250,25 +270,20 @@ def similarity(rotation: NDArray[np.float64], scale: float = 1.0) -> NDArray[np.
     return out
 
 
-def _read_mesh(path: Path, rotation: NDArray[np.float64], textures: bool, scale: float = 1.0) -> Mesh:
-    """The mesh of a scan, turned and in metres; without ``textures`` it is plain.
-
-    Its materials are matte and do not shine: what reflects or shines is in the pictures already.
+def _placed(path: Path, loaded: ScanMesh, rotation: NDArray[np.float64], scale: float) -> ScanMesh:
+    """A mesh in the world's axes and metres.
 
     Raises:
-        Avs3dError: if it is broken or reaches too far.
+        Avs3dError: if it reaches too far.
     """
-    mesh = load_mesh(path, acoustic=DEFAULT_LABEL, twin="surface", max_acoustic_faces=sys.maxsize, textures=textures)
-    mesh = mesh.transformed(rotation, np.zeros(3), scale)
+    mesh = loaded.mesh.transformed(rotation, np.zeros(3), scale)
     reach = float(np.abs(mesh.bounds).max())
     if reach > FARTHEST:
         raise Avs3dError(
             f"{path}: reaches {reach:,.0f} m from its origin; expected at most {FARTHEST:,.0f} m; is it in "
             "millimetres, or has it a stray vertex? repair or rescale it"
         )
-    looks = ((m.colour, m.texture) if textures else (PLAIN, None) for m in mesh.materials)
-    pictures = (Material(m.name, m.acoustic, *look) for m, look in zip(mesh.materials, looks, strict=True))
-    return replace(mesh, materials=tuple(pictures))
+    return ScanMesh(mesh, loaded.dense and loaded.dense.transformed(rotation, np.zeros(3), scale))
 
 
 def _files(name: str, source: str | Path | ScanFiles) -> ScanFiles:

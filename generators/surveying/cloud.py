@@ -17,8 +17,6 @@ Mask = NDArray[np.bool_]
 
 #: Largest number of points on one triangle.
 MOST_POINTS = 250_000
-#: Above this number of faces, only every n-th is looked at, with n times its area: a survey counts in centimetres.
-MOST_FACES = 2_000_000
 #: Voxels along the diagonal of a mesh when its separate pieces are looked for.
 _VOXELS = 60
 #: A separate piece with less than this share of the area is junk; a larger one may be another room.
@@ -42,12 +40,11 @@ class SurfaceCloud:
     @classmethod
     def of(cls, triangles: F32, spacing: float) -> SurfaceCloud:
         """Spread points over (F, 3, 3) triangles, about ``spacing`` apart, at least one on each."""
-        stride = -(-len(triangles) // MOST_FACES)
-        corners = triangles[::stride].astype(np.float64)
+        corners = triangles.astype(np.float64)
         cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         length = np.linalg.norm(cross, axis=1)
         _, face, points = spread_over(corners, spacing, MOST_POINTS)
-        share = length / 2 * stride / np.maximum(np.bincount(face, minlength=len(corners)), 1)
+        share = length / 2 / np.maximum(np.bincount(face, minlength=len(corners)), 1)
         normals = cross / np.maximum(length, 1e-30)[:, None]
         return cls(points, normals[face], share[face])
 

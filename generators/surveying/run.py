@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import shlex
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,11 +14,10 @@ from numpy.typing import NDArray
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats import files
 from generators.assets.meshcheck import SUFFIXES
-from generators.assets.meshfile import load_mesh
-from generators.core.scene import Licence, Mesh
+from generators.core.scene import Licence
+from generators.scans.decimation import ScanMesh
 from generators.scans.files import scan_files_of
-from generators.scans.scan import Axes, ScanAcoustics, SoundReport, read_scan
-from generators.scans.sound import DEFAULT_LABEL
+from generators.scans.scan import Axes, ScanAcoustics, SoundReport, load_scan_mesh, read_scan
 from generators.surveying.document import document_of, relative_name, scan_manifest, test_voices
 from generators.surveying.fitting import FittingObservations, ScanFitting
 from generators.surveying.measures import RoomMeasures, measure
@@ -90,8 +88,9 @@ def survey_scan(request: ScanRequest, command: str) -> ScanOutcome:
 
 def _survey_mesh(request: ScanRequest, command: str) -> ScanOutcome:
     """Survey a mesh file, and write the page and the manifest."""
-    mesh = _read(request.file)
-    surveyed = survey(request.file.name, mesh.positions, request.known, gltf=_is_gltf(request.file))
+    # Pictures of the page show the decimated mesh: it has faces of a centimetre.
+    loaded = ScanMesh(_read(request.file).mesh, None)
+    surveyed = survey(request.file.name, loaded.mesh.positions, request.known, gltf=_is_gltf(request.file))
     name = request.name or _slug(request.output.stem)
     document = document_of(name, relative_name(request.file, request.output), surveyed, request.licence)
     if request.surfaces:
@@ -106,6 +105,7 @@ def _survey_mesh(request: ScanRequest, command: str) -> ScanOutcome:
         licence=Licence(*request.licence, request.file.name) if request.licence else None,
         axes=_axes_of(surveyed),
         acoustics=ScanAcoustics(surfaces=request.surfaces),
+        load=lambda _: loaded,
     )
     if request.splats is not None:
         read_cloud(home)
@@ -139,8 +139,8 @@ def _doubts(measures: Sequence[RoomMeasures]) -> list[str]:
     return out
 
 
-def _read(file: Path) -> Mesh:
-    """The mesh as its file has it.
+def _read(file: Path) -> ScanMesh:
+    """The mesh in the axes and the unit of its file.
 
     Raises:
         Avs3dError: if it is missing or no mesh, or has no colours.
@@ -148,13 +148,14 @@ def _read(file: Path) -> Mesh:
     if not file.is_file():
         what = "is a folder" if file.is_dir() else "does not exist"
         raise Avs3dError(f"{file}: {what}; expected a mesh: {', '.join(SUFFIXES)}, or a .zip of one")
-    mesh = load_mesh(file, acoustic=DEFAULT_LABEL, twin="surface", max_acoustic_faces=sys.maxsize)
-    if all(material.texture is None for material in mesh.materials) and len({m.colour for m in mesh.materials}) == 1:
+    loaded = load_scan_mesh(file)
+    materials = loaded.mesh.materials
+    if all(material.texture is None for material in materials) and len({m.colour for m in materials}) == 1:
         raise Avs3dError(
             f"{file}: has no colours; expected a texture or vertex colours: export it with textures "
             "(an OBJ needs its MTL and pictures beside it)"
         )
-    return mesh
+    return loaded
 
 
 def find_rooms(file: Path, known: KnownFrame | None = None) -> tuple[Axes, dict[str, NDArray[np.float64]]]:
@@ -170,7 +171,7 @@ def find_rooms(file: Path, known: KnownFrame | None = None) -> tuple[Axes, dict[
     Raises:
         Avs3dError: one line, if it is missing, no mesh, without colours, or no room.
     """
-    surveyed = survey(file.name, _read(file).positions, known or KnownFrame(), gltf=_is_gltf(file))
+    surveyed = survey(file.name, _read(file).mesh.positions, known or KnownFrame(), gltf=_is_gltf(file))
     return _axes_of(surveyed), _rooms_of(surveyed)
 
 

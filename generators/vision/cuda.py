@@ -98,7 +98,7 @@ class CudaSession:
 
         self._kernels, self._device = kernels, device_kernels
         self._intrinsics = intrinsics
-        tables, triangles = build_tables(scene)
+        tables, triangles = build_tables(scene.shown)
         tracer: Any = DeviceTracer(triangles)
         self._tree = tracer.tree
         self._thin = upload(triangles[thin_faces(triangles, tables.normal, tracer)], "thin triangles")

@@ -69,7 +69,7 @@ class EmbreeSession:
 
         self._kernels = kernels
         self._intrinsics = intrinsics
-        tables, triangles = build_tables(scene)
+        tables, triangles = build_tables(scene.shown)
         self._tables = tables
         self._tracer: Tracer | None = Tracer(triangles)
         self._thin = triangles[thin_faces(triangles, tables.normal, self._tracer)]

@@ -69,7 +69,7 @@ def write_glb(
     """
     if not (np.isfinite(texel) and texel > 0):
         raise Avs3dError(f"{path}: texel {texel} m; expected a number > 0")
-    chosen = replace(scene, parts=tuple(scene.parts if parts is None else parts))
+    chosen = replace(scene, parts=tuple(scene.parts if parts is None else parts)).shown
     tables, triangles = build_tables(chosen)
     labels = [material.acoustic for part in chosen.parts for material in part.mesh.materials]
     normals = np.concatenate([part.mesh.normals for part in chosen.parts])

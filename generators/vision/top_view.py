@@ -117,11 +117,14 @@ def _is_coloured(mesh: Mesh) -> bool:
 
 
 def _below(home: Scene, cut: float) -> tuple[Part, ...]:
-    """The parts of a home without the faces that are wholly above a height."""
+    """The parts of a home without the faces that are wholly above a height; of dense scans, decimated ones.
+
+    Their faces are as wide as a pixel of the picture.
+    """
     parts = []
     for part in home.parts:
         keep = part.mesh.positions[:, :, 1].min(axis=1) < cut
         if keep.any():
             faces = {name: getattr(part.mesh, name)[keep] for name in ("positions", "normals", "uv", "face_material")}
-            parts.append(replace(part, mesh=replace(part.mesh, **faces)))
+            parts.append(replace(part, mesh=replace(part.mesh, **faces), dense=None))
     return tuple(parts)

@@ -33,7 +33,7 @@ from generators.backends import acoustic_backend
 from generators.options import EngineOptions
 from tests.support.acoustic_rooms import box_scene
 
-RATE, FRAMES = layout.SAMPLE_RATE, 32
+RATE, FRAMES = layout.SAMPLE_RATE, 24
 #: Size (m), absorption and where the source is. The small hard room is that of a phone scan of 26 m³: direct sound at
 #: 1.2 m is 7 to 12 dB below the rest.
 ROOMS = {
@@ -44,6 +44,7 @@ ROOMS = {
 TELLING = ("noise", "whistle", "beep", "alarm", "telephone", "clock")
 
 
+@cache
 def signal(kind: str, seconds: int) -> NDArray[np.float64]:
     rng, t = np.random.default_rng(3), np.arange(seconds * RATE) / RATE
     if kind in ("telephone", "clock"):

@@ -19,7 +19,10 @@ import pytest
 from avs3d_bench.cli import avs3d, main
 from avs3d_bench.commands.outputs import NamedPath, OutputFile, OutputPath
 from avs3d_bench.dataset import Dataset
+from avs3d_bench.exports.qa.write import QaOptions, write_qa
+from avs3d_bench.exports.release.write import write_release
 from avs3d_bench.exports.webdataset import write_webdataset
+from baselines.questions import write_answers
 from baselines.trivial import write_trivial
 from evaluators import cli as evaluator
 from tests.evaluators.test_score import submit, true_mask
@@ -68,6 +71,7 @@ OUTPUTS = {
     ("factors", "csv_file"): Case("factors frames.csv --csv OUT", suffix=".csv"),
     ("metrics", "json_file"): Case("metrics sub sub --json OUT"),
     ("leaderboard", "folder"): Case("leaderboard scores.json black.json -o OUT"),
+    ("leaderboard", "json_file"): Case("leaderboard scores.json black.json -o board --json OUT"),
     ("tables", "folder"): Case(
         "tables scores.json -o OUT", takes=("table2.md", "table2.csv", "table2.png", "table2.svg")
     ),
@@ -83,9 +87,15 @@ OUTPUTS = {
     ),
     ("export webdataset", "folder"): Case("export webdataset data -o OUT --workers 1"),
     ("export huggingface", "folder"): Case("export huggingface data -o OUT --workers 1"),
+    ("export acoustics", "folder"): Case(
+        "export acoustics manifest.yaml -o OUT --spacing 2 --sources 1 --absorption 1 --pictures 0 --workers 1"
+    ),
     ("export croissant", "output"): Case("export croissant data -o OUT", beside="data"),
     ("export card", "output"): Case("export card data -o OUT", suffix=".md"),
+    ("export qa", "folder"): Case("export qa scenes -o OUT"),
     ("export codabench", "output"): Case("export codabench seal/public seal/private -o OUT", suffix=".zip"),
+    ("release", "folder"): Case("release data -o OUT --workers 1"),
+    ("get", "folder"): Case("get tiny --from archives -o OUT", reruns=False),
     ("manifest sample", "output"): Case(
         "manifest sample -o OUT --homes 1 --observations 1 --seed 9 --exclude manifest.yaml", suffix=".yaml"
     ),
@@ -119,6 +129,8 @@ OUTPUTS = {
     ),
     ("baseline owod-bind", "path"): Case(f"baseline owod-bind {_BASELINE}", takes=("submission.json",), alone=True),
     ("baseline denseav", "path"): Case(f"baseline denseav {_BASELINE}", takes=("submission.json",), alone=True),
+    ("baseline questions", "output"): Case("baseline questions --questions asked -o OUT", suffix=".jsonl"),
+    ("qa-score", "json_file"): Case("qa-score answers.jsonl --questions asked --json OUT"),
     ("baseline echosegnet", "path"): Case(
         f"baseline echosegnet {_BASELINE} --masks oracle --device cpu --iterations 1", takes=("submission.json",),
         reruns=False, alone=True,
@@ -134,7 +146,9 @@ INPUTS = {
     "prediction",
     "truth", "score_file", "scores", "tables", "public", "private", "image", "terms", "exclude", "secret_file", "files",
     "array", "lock", "path", "data", "weights", "listener_weights", "checkpoint", "boxes_checkpoint", "sam_checkpoint",
-    "similarity_checkpoint", "folder", "verified", "index", "file", "splats",
+    "similarity_checkpoint", "folder", "verified", "index", "file", "splats", "source",
+    "questions", "answers", "practice", "clap_checkpoint", "sam3_checkpoint", "grounding_dino_checkpoint",
+    "sam2_checkpoint",
 }  # fmt: skip
 
 
@@ -173,6 +187,8 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     data = tiny.write_dataset(place / "data", frames=9, size=48)
     submit(place / "sub", data, true_mask)
     tiny_scenes.write_part_3(place / "scenes", frames=9, size=48)
+    write_qa(place / "scenes", place / "asked", QaOptions(kinds=("side",), per_group=1))
+    write_answers("deaf", place / "asked", place / "answers.jsonl")
     write_trivial("all-black", Dataset(data), place / "black")
     for name in ("sub", "black"):
         words = [place / name, "--dataset", data, "--workers", 1, "--json", place / f"{name}.json"]
@@ -184,6 +200,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     saved(place, swept=rows_of_part_2(lambda n, scale: 0.05 * n / scale))
     write_manifest(place).rename(place / "manifest.yaml")
     write_webdataset(data, place / "shards", workers=1)
+    write_release(data, place / "archives", workers=1)
     sealed_trees.write_seal(place / "seal")
     tiny_listener.write_weights(place)
     made_rooms.write_mesh(made_rooms.flat(("living_room",)), place / "room.glb")
@@ -286,6 +303,7 @@ def test_a_folder_of_somebody_else_keeps_its_files(case: Case, place: Path, tmp_
         shutil.rmtree(tmp_path / "mine")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", cases(folder=True))
 def test_a_folder_takes_the_place_of_no_input(case: Case, place: Path, tmp_path: Path) -> None:
     folders = [path for path in read_by(case, place) if path.is_dir()]

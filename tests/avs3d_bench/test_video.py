@@ -21,9 +21,10 @@ from avs3d_bench.contract.schema import SubmissionRecord
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import media
+from avs3d_bench.formats.film import RATE
 from avs3d_bench.inspector.facts import read_facts
 from avs3d_bench.inspector.floor_map import MapInset
-from avs3d_bench.inspector.video import RATE, film_sound, gain_for, write_video
+from avs3d_bench.inspector.video import film_sound, gain_for, write_video
 from avs3d_bench.inspector.video_drawing import PREDICTED, TRUTH, Canvas, Shown
 from tests.support.shared import SharedDataset
 from tests.support.tiny import MULTI, SINGLE, edit_record, replace, write_dataset, write_release

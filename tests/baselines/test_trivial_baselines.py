@@ -18,9 +18,9 @@ from avs3d_bench.contract.schema import SubmissionRecord
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import media
+from avs3d_bench.measures.centre_box import centre_box as reference_box
 from avs3d_bench.submission import SubmissionWriter
 from baselines.trivial import TRIVIAL, all_black, all_white, centre_box, write_trivial
-from evaluators.metrics.frames import centre_box as reference_box
 from tests.support import tiny
 from tests.support.homes import tree_digest
 from tests.support.shared import SharedDataset

@@ -5,9 +5,11 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import runpy
 import shutil
 import sys
+import tracemalloc
 import zipfile
 from collections.abc import Callable
 from dataclasses import replace
@@ -30,7 +32,8 @@ from avs3d_bench.exports.codabench_files import scoring_program
 from avs3d_bench.exports.codabench_format import KNOWN, MOST_COLUMN, MOST_KEY, check_bundle
 from avs3d_bench.formats import media
 from avs3d_bench.submission import SubmissionWriter
-from evaluators.competition.program import run
+from evaluators import check
+from evaluators.competition.program import main, run
 from evaluators.score import evaluate
 from tests.support import codabench_worker, sealed_trees, tiny, tiny_scenes
 
@@ -141,7 +144,8 @@ def test_the_rules_find_what_they_are_for(bundle: Path, tmp_path: Path) -> None:
         ("tasks: missing", lambda f: f.pop("tasks")),
         ("tasks: index 0 twice", lambda f: f["tasks"].append(f["tasks"][0])),
         ("tasks[0]: scoring_program None", lambda f: f["tasks"][0].pop("scoring_program")),
-        ("all_black.zip: no metadata.yaml", lambda f: f["tasks"][0].update(scoring_program="all_black.zip")),
+        ("example_submission.zip: no metadata.yaml",
+         lambda f: f["tasks"][0].update(scoring_program="example_submission.zip")),
         ("tasks[0]: reference_data 'x.zip'", lambda f: f["tasks"][0].update(reference_data="x.zip")),
         ("solutions[0]: no task has the index 7", lambda f: f["solutions"][0].update(tasks=[7])),
         ("phases: missing", lambda f: f.pop("phases")),
@@ -200,7 +204,7 @@ def test_participants_get_no_truth_and_the_platform_no_pictures(trees: tuple[Pat
     assert sorted(members(bundle, "public_data.zip")) == sorted(
         path.relative_to(public).as_posix() for path in public.rglob("*") if path.is_file()
     )
-    for name in ("public_data.zip", "starting_kit.zip", "all_black.zip"):
+    for name in ("public_data.zip", "starting_kit.zip", "example_submission.zip"):
         assert not [member for member in members(bundle, name) if set(TRUTH) & set(member.split("/"))]
     reference = members(bundle, "reference_data.zip")
     assert not [member for member in reference if "audio" in member or "sparse" in member]
@@ -314,13 +318,234 @@ def test_thousands_of_surplus_names_do_not_fill_the_log(
 
 
 @pytest.mark.slow
-def test_the_all_black_sample_is_a_submission(bundle: Path, tmp_path: Path) -> None:
+def test_the_example_is_a_submission_that_marks_something(
+    trees: tuple[Path, Path], bundle: Path, tmp_path: Path
+) -> None:
     with zipfile.ZipFile(bundle) as archive:
-        (tmp_path / "sample.zip").write_bytes(archive.read("all_black.zip"))
+        (tmp_path / "sample.zip").write_bytes(archive.read("example_submission.zip"))
+        with archive.open("starting_kit.zip") as stream, zipfile.ZipFile(stream) as kit:
+            kit.extractall(tmp_path / "kit")
     done = codabench_worker.score(bundle, tmp_path / "sample.zip", tmp_path / "app", environment=environment())
     assert done.status == "Finished"
     assert done.scores is not None
-    assert done.scores["strict_IoU"] == 0.0
+    reference = evaluate(tmp_path / "kit/example", trees[1]).scores.references["centre_box"]["overall"].strict
+    assert reference is not None
+    assert reference.IoU is not None
+    assert done.scores["strict_IoU"] == round(reference.IoU, 3)
+    assert media.read_png_mask(tmp_path / "kit/example" / tiny.MULTI / "masks/frame_008.png").mean() == 0.25
+
+
+def test_the_kit_says_how_to_install_and_where_axes_point(bundle: Path) -> None:
+    with zipfile.ZipFile(bundle) as archive:
+        data, evaluation = (" ".join(archive.read(name).decode().split()) for name in ("data.md", "evaluation.md"))
+        with archive.open("starting_kit.zip") as stream, zipfile.ZipFile(stream) as kit:
+            readme = kit.read("README.md").decode()
+            names = kit.namelist()
+            assert kit.read("pages/data.md") == archive.read("data.md")
+    assert f"pip install avs3d-bench=={__version__}" in evaluation
+    assert f"pip install avs3d-bench[baselines]=={__version__}" in readme
+    for said in (
+        "**Y up**",
+        "positive to the **right**",
+        "Channel 0 of a clip is the **left** ear",
+        "(x, −y, −z) here",
+    ):
+        assert said in data
+    assert "`points.ply` beside `masks/` is an optional 3D prediction" in evaluation
+    assert "at most 2,000,000" in evaluation
+    assert {"listener.ipynb", "example/submission.json"} <= {*names}
+    assert not [name for name in names if name.startswith("practice/")]
+    assert "practice" not in readme
+
+
+@pytest.fixture(scope="module")
+def practice(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A dataset of other pictures, with its truth."""
+    root = tmp_path_factory.mktemp("practice") / "practice"
+    return tiny.write_dataset(root, frames=9, size=48)
+
+
+def test_practice_data_keep_their_truth_and_share_no_picture_with_the_test(
+    trees: tuple[Path, Path], practice: Path, tmp_path: Path
+) -> None:
+    bundle = tmp_path / "bundle.zip"
+    arguments = ["codabench", *map(str, trees), "-o", str(bundle), "--practice", str(practice), "--approval"]
+    arguments += ["--data-url", "https://example.org", "--install", "pip install git+https://example.org/mine"]
+    result = CliRunner().invoke(export, arguments, catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    assert codabench_worker.read_competition(bundle)["registration_auto_approve"] is False
+    with zipfile.ZipFile(bundle) as archive:
+        assert "pip install git+https://example.org/mine" in archive.read("evaluation.md").decode()
+        with archive.open("starting_kit.zip") as stream, zipfile.ZipFile(stream) as kit:
+            kit.extractall(tmp_path / "kit")
+    assert evaluate(tmp_path / "kit/example", trees[1]).scores.overall.strict is not None
+    assert len(Dataset(tmp_path / "kit/practice").keys) == 2
+    assert evaluate_practice(tmp_path / "kit/practice", tmp_path / "oracle") == 1.0
+    with pytest.raises(Avs3dError, match=r"frame_000\.png: also a picture of the test; practice on other homes"):
+        write_codabench(*trees, tmp_path / "other.zip", replace(SETTINGS, practice=trees[1]))
+    with pytest.raises(Avs3dError, match=r"semantic_masks.*missing; expected a practice dataset with the truth"):
+        write_codabench(*trees, tmp_path / "other.zip", replace(SETTINGS, practice=trees[0]))
+    with pytest.raises(UsageError, match="--install: '', expected one command line"):
+        write_codabench(*trees, tmp_path / "other.zip", replace(SETTINGS, install=""))
+    assert not (tmp_path / "other.zip").exists()
+
+
+def evaluate_practice(root: Path, folder: Path) -> float | None:
+    write_oracle(root, folder)
+    overall = evaluate(folder, root).scores.overall.strict
+    return None if overall is None else overall.IoU
+
+
+@pytest.mark.slow
+def test_the_notebook_of_the_kit_makes_a_submission_that_is_scored(
+    trees: tuple[Path, Path], practice: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("torch", reason="the listener needs torch, of the [baselines] extra")
+    nbformat = pytest.importorskip("nbformat", reason="notebooks are run with nbclient, of the [dev] extra")
+    nbclient = pytest.importorskip("nbclient", reason="notebooks are run with nbclient, of the [dev] extra")
+    pytest.importorskip("ipykernel", reason="notebooks are run in ipykernel, of the [dev] extra")
+    bundle, kit = tmp_path / "bundle.zip", tmp_path / "kit"
+    write_codabench(*trees, bundle, replace(SETTINGS, practice=practice))
+    with zipfile.ZipFile(bundle) as archive, archive.open("starting_kit.zip") as stream:
+        zipfile.ZipFile(stream).extractall(kit)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setenv("AVS3D_DATA", str(trees[0]))
+    notebook = nbformat.read(kit / "listener.ipynb", as_version=4)
+    nbclient.NotebookClient(
+        notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(kit)}}
+    ).execute()
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    said = "".join(output["text"] for output in outputs if output.get("name") == "stdout")
+    assert re.search(r"the ear on the side of the source is the louder one in (\d+) of \1 frames", said), said
+    assert "upload my-submission.zip" in said
+    done = codabench_worker.score(bundle, kit / "my-submission.zip", tmp_path / "app", environment=environment())
+    assert done.status == "Finished"
+
+
+def test_participants_check_without_the_truth(trees: tuple[Path, Path], oracle: Path) -> None:
+    report = check(oracle, trees[0], workers=1)
+    assert (report.valid, report.problems) == (True, ())
+
+
+# Hostile submissions
+
+
+def hostile(folder: Path, name: str, content: bytes, *, link: bool = False) -> Path:
+    """An archive with one strange member, which the worker unpacks before the scoring program sees it."""
+    path = folder / "hostile.zip"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("submission.json", json.dumps({"method": "m", "dataset": "tiny", "dataset_version": "1"}))
+        info = zipfile.ZipInfo(name)
+        info.compress_type = zipfile.ZIP_DEFLATED
+        info.external_attr = (0o120777 if link else 0o644) << 16
+        archive.writestr(info, content)
+    return path
+
+
+def png_bomb(side: int) -> bytes:
+    """A grey PNG of side² pixels in a few kilobytes."""
+    import struct
+    import zlib
+
+    packer = zlib.compressobj(9)
+    rows = b"".join(packer.compress(bytes(side + 1)) for _ in range(side)) + packer.flush()
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    head = struct.pack(">IIBBBBB", side, side, 8, 0, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+
+
+def refused(bundle: Path, archive: Path, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The scoring program finds errors in what the worker unpacks, scores nothing, and takes little time and memory."""
+    codabench_worker.prepare(bundle, archive, place / "app")
+    monkeypatch.chdir(place / "app/program")
+    tracemalloc.start()
+    try:
+        code = run(place / "app/input", place / "app/output", place / "app/program")
+        assert tracemalloc.get_traced_memory()[1] < 100e6
+    finally:
+        tracemalloc.stop()
+    assert code == 1
+    assert not (place / "app/output/scores.json").exists()
+
+
+MASK = f"{tiny.SINGLE}/masks/frame_000.png"
+TRUTH_BESIDE = f"../../../../../../ref/private/{tiny.SINGLE}/semantic_masks/frame_000.png"
+
+
+def test_a_link_in_an_archive_is_a_damaged_mask(
+    bundle: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The worker unpacks a link as a file that holds its target."""
+    refused(bundle, hostile(tmp_path, MASK, TRUTH_BESIDE.encode(), link=True), tmp_path, monkeypatch)
+    assert f"error: {MASK}: " in capsys.readouterr().err
+    assert not (tmp_path / "app/input/res" / MASK).is_symlink()
+
+
+@pytest.mark.parametrize("where", ["mask", "folder", "submission"])
+def test_links_that_another_platform_unpacks_lead_nowhere(
+    trees: tuple[Path, Path], bundle: Path, oracle: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str], where: str,
+) -> None:  # fmt: skip
+    codabench_worker.prepare(bundle, oracle, tmp_path / "app")
+    res = tmp_path / "app/input/res"
+    target = {"mask": res / MASK, "folder": (res / MASK).parent, "submission": res}[where]
+    if where == "mask":
+        target.unlink()
+        target.symlink_to(os.path.relpath(trees[1] / tiny.SINGLE / "semantic_masks/frame_000.png", target.parent))
+    elif where == "folder":
+        shutil.rmtree(target)
+        target.symlink_to(trees[1] / tiny.SINGLE / "semantic_masks")
+    else:
+        shutil.move(res, tmp_path / "elsewhere")
+        res.mkdir()
+        (res / "mine").symlink_to(tmp_path / "elsewhere")
+    monkeypatch.chdir(tmp_path / "app/program")
+    with pytest.raises(SystemExit) as ended:
+        main([str(tmp_path / "app/input"), str(tmp_path / "app/output")])
+    assert ended.value.code in (1, 2)
+    said = capsys.readouterr().err
+    assert "a link" in said or "no submission" in said
+    assert not (tmp_path / "app/output/scores.json").exists()
+
+
+def test_a_picture_bomb_is_refused_by_its_header(
+    bundle: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    refused(bundle, hostile(tmp_path, MASK, png_bomb(8_000)), tmp_path, monkeypatch)
+    assert re.search(rf"error: {MASK}: .*8000.*", capsys.readouterr().err.replace(",", ""))
+
+
+def test_an_archive_bomb_in_an_archive_is_not_unpacked(
+    bundle: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The worker unpacks the outer archive, the scoring program the inner one, after a look at its list."""
+    inner = io.BytesIO()
+    with zipfile.ZipFile(inner, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("submission.json", "{}")
+        with archive.open(MASK, "w") as out:
+            for _ in range(30):
+                out.write(bytes(10**6))
+    outer = tmp_path / "outer.zip"
+    with zipfile.ZipFile(outer, "w") as archive:
+        archive.writestr("inner.zip", inner.getvalue())
+    refused(bundle, outer, tmp_path, monkeypatch)
+    assert "an archive bomb" in capsys.readouterr().err
+
+
+def test_paths_out_of_the_archive_stay_in_it(bundle: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    refused(bundle, hostile(tmp_path, "../../output/scores.json", b'{"strict_IoU": 1.0}'), tmp_path, monkeypatch)
+
+
+def test_a_submission_with_a_program_is_not_taken_as_results(bundle: Path, oracle: Path, tmp_path: Path) -> None:
+    """The worker looks for a command in metadata.yaml: without one it hands on nothing."""
+    shutil.unpack_archive(oracle, tmp_path / "mine")
+    (tmp_path / "mine/metadata.yaml").write_text("description: my masks\n")
+    mine = Path(shutil.make_archive(str(tmp_path / "mine"), "zip", tmp_path / "mine"))
+    with pytest.raises(codabench_worker.NoResultsError, match="metadata"):
+        codabench_worker.prepare(bundle, mine, tmp_path / "app")
 
 
 @pytest.mark.slow

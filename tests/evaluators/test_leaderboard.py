@@ -15,6 +15,7 @@ from avs3d_bench.contract.scores import DEAF_REFERENCES, REFERENCES, Scores, met
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import media
 from evaluators.reporting import standings
+from evaluators.reporting.board import Board
 from evaluators.reporting.leaderboard import read_entries, write_leaderboard
 from evaluators.reporting.pages import interval
 from evaluators.reporting.ranking import ScoresEntry, leaderboard_values
@@ -97,6 +98,24 @@ def test_a_link_to_a_file_of_scores_keeps_its_report(tmp_path: Path) -> None:
     link.symlink_to(file)
     write_leaderboard(tmp_path / "board", [link])
     assert "<title>mine</title>" in (tmp_path / "board" / "reports" / "mine.html").read_text()
+
+
+def test_the_json_has_the_rows_of_the_page_with_their_digests(tmp_path: Path) -> None:
+    files = [save(tmp_path / name, example_scores(seed=1, skill=skill, method=name, truth=truth))
+             for name, skill, truth in [("low", 0.3, None), ("oracle", 0.95, "masks of test frames"),
+                                        ("high", 0.8, None)]]  # fmt: skip
+    write_leaderboard(tmp_path / "board", files, json_file=tmp_path / "board.json")
+    board = media.read_record(tmp_path / "board.json", Board)
+    digests = {entry.scores.submission.method: entry.digest for entry in read_entries(files)}
+    assert {entry.method: entry.digest for entry in board.entries} == digests
+    for part, protocol in (("overall", "strict"), ("part_2", "official")):
+        (table,) = (one for one in board.tables if (one.part, one.protocol) == (part, protocol))
+        assert [[(row.place, row.title) for row in table.rows if row.digest]] == tables(files, part, protocol)
+        assert all(row.digest == digests[row.title] for row in table.rows if row.digest)
+        order = [row.figures[table.ranked_by] for row in table.rows]
+        assert order == sorted(order, reverse=True)
+    write_leaderboard(tmp_path / "board", files[::-1], json_file=tmp_path / "again.json")
+    assert (tmp_path / "again.json").read_bytes() == (tmp_path / "board.json").read_bytes()
 
 
 def test_equal_methods_share_a_rank(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import sys
 import tarfile
 import time
 import warnings
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -300,8 +301,8 @@ def test_responses_are_saved_and_drawn(tmp_path: Path, traced: acoustics.Rir) ->
         assert json.loads(str(file["metadata"]))["source"] == list(SOURCE)
     with pytest.raises(Avs3dError, match=r"unknown ending '.mp3'; expected .wav, .sofa, .npz"):
         traced.save(tmp_path / "a.mp3")
-    with pytest.raises(Avs3dError, match="cannot be written"):
-        traced.save(tmp_path / "missing" / "a.wav")
+    with pytest.raises(Avs3dError, match="cannot write"):
+        traced.save(tmp_path / "a.wav" / "b.wav")
     matplotlib = pytest.importorskip("matplotlib")
     matplotlib.use("agg")
     figure = traced.plot()
@@ -316,6 +317,10 @@ def test_sofa_files_hold_the_response(tmp_path: Path, traced: acoustics.Rir) -> 
     assert file.Data_SamplingRate == RATE
     x, y, z = np.squeeze(file.SourcePosition)
     assert (-y, z, -x) == pytest.approx(SOURCE)
+    ears = replace(traced, samples=np.concatenate([traced.samples, -traced.samples]), channel_names=("left", "right"))
+    file = sofar.read_sofa(str(ears.save(tmp_path / "ears.sofa")))
+    np.testing.assert_allclose(np.squeeze(file.Data_IR), ears.samples)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.sofa", "ears.sofa"]
 
 
 def test_shards_are_read_as_webdatasets_are(tmp_path: Path, room: acoustics.Room) -> None:
@@ -331,6 +336,14 @@ def test_shards_are_read_as_webdatasets_are(tmp_path: Path, room: acoustics.Room
     assert (tmp_path / "again/rir-000000.tar").read_bytes() == shards[0].read_bytes()
     with pytest.raises(Avs3dError, match="has shards already"):
         acoustics.write_webdataset(rirs, tmp_path / "rirs")
+
+    def interrupted() -> Iterator[acoustics.Rir]:
+        yield from rirs
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        acoustics.write_webdataset(interrupted(), tmp_path / "part", per_shard=2)
+    assert [path.name for path in (tmp_path / "part").iterdir()] == ["rir-000000.tar"]
 
 
 def test_the_import_is_light_and_a_response_needs_no_more_than_numpy_scipy_and_numba() -> None:

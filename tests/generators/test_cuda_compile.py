@@ -23,6 +23,8 @@ from generators.vision.sampling import SUB_PIXELS
 from generators.vision.tables import build_tables
 from generators.vision.views import trial_scene, view_of
 
+pytestmark = pytest.mark.slow
+
 
 def arguments() -> dict[str, tuple[Any, ...]]:
     """Kernel → arguments of the types that it is launched with."""

@@ -91,6 +91,17 @@ def test_a_directivity_changes_the_digest_of_the_sound_and_not_that_of_the_pictu
         plan_of(tmp_path, directivity={"file": "b.sofa", "licence": licence}).check_files()
 
 
+def test_a_table_beside_the_manifest_is_the_sources_directivity(tmp_path: Path):
+    rows = [f"{a},0,{','.join([str(1 if a == 0 else 0.25)] * 6)}" for a in (-90, 0, 90, 180)]
+    (tmp_path / "horn.csv").write_text("azimuth,elevation,125,250,500,1000,2000,4000\n" + "\n".join(rows) + "\n")
+    licence = {"name": "CC0-1.0", "author": "someone"}
+    plan = plan_of(tmp_path, directivity={"file": "horn.csv", "licence": licence})
+    found = choose_directivity(plan, plan.spec.sounding[0])
+    assert found is not None
+    assert found.amplitudes([[0, 0, 1], [1, 0, 0], [0, 0, -1]])[:, 3] == pytest.approx([1.0, 0.25, 0.25])
+    assert found.name.startswith("table horn.csv, sha256 ")
+
+
 @pytest.mark.parametrize(
     ("value", "message"),
     [

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from avs3d_bench.geometry import Intrinsics, Pose
-from generators.apartments.apartment import build_apartment
 from generators.core.rays import RayCaster
 from generators.core.scene import Scene
 from generators.lighting.bake import bake, insert
@@ -20,6 +19,7 @@ from generators.placement.site import Site
 from generators.plan import make_plans, read_manifest
 from generators.vision.base import RenderedView
 from generators.vision.embree import EmbreeBackend
+from tests.support.flats import textured_flat
 
 MANIFEST = Path(__file__).parents[2] / "scenes_manifest" / "demo.yaml"
 CAMERA = Intrinsics.from_fov(1008)
@@ -32,7 +32,7 @@ def view() -> tuple[Scene, tuple[Placement, ...], Pose, RenderedView]:
     """The demo's kitchen in quickly baked light, from the pose that sees most of the sounding microwave."""
     (plan,) = make_plans(read_manifest(MANIFEST), GenerateOptions(only=["part_2/*/kitchen/1"], audio="analytic"))
     assert plan.scan.seed is not None
-    home = bake(build_apartment(plan.spec.scan, plan.scan.seed), quality="preview").for_room(plan.spec.room)
+    home = bake(textured_flat(plan.scan.seed), quality="preview").for_room(plan.spec.room)
     placed = place(Site.of(home, plan.spec.room), choose_models(plan), rng=plan.rng("placement"))
     poses = plan_walk(WalkTask(Site.of(home, plan.spec.room), placed, frames=120), plan.rng("path")).poses
     scene = insert(home, tuple(p.part(number) for number, p in enumerate(placed, start=1)))

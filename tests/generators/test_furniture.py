@@ -14,6 +14,7 @@ from generators.assets import styles
 from generators.assets.furniture import KINDS, Furniture, build_furniture, options_of
 from generators.assets.furniture.common import Kit
 from generators.assets.materials import Palette
+from generators.core.rays import RayCaster
 from generators.core.scene import Mesh
 
 #: (width, height, depth) ranges in metres, and the mount.
@@ -347,3 +348,18 @@ def test_grain_follows_the_longest_side(palettes: list[Palette]) -> None:
         long_ = np.ptp(along, axis=1) > 1.9
         u = mesh.uv[long_][..., 0] * 0.8
         np.testing.assert_allclose(np.ptp(u, axis=1), 2.0, rtol=1e-4)
+
+
+def test_no_gap_shows_between_the_rim_of_a_built_in_bath_and_its_apron(palettes: list[Palette]) -> None:
+    """Rays from before it, a little downwards, end within 2 cm of its front at every height below the rim."""
+    for seed in range(8):
+        mesh = build_furniture("bathtub", palettes[0], np.random.default_rng(seed)).mesh
+        _, front = mesh.bounds[:, 2]
+        # The rim is the highest level surface at the front; the freestanding bath has no apron.
+        heights = np.linspace(0.3, 0.6, 601)
+        starts = np.stack([np.full(601, 0.2), heights, np.full(601, float(front) + 0.5)], axis=1)
+        distance, _ = RayCaster(mesh.positions).closest(starts, np.broadcast_to([0.0, -0.1, -1.0], starts.shape))
+        behind = distance - 0.5
+        rim = np.flatnonzero(behind < 0.02)[-1]
+        if behind[0] < 0.02:
+            assert behind[: rim + 1].max() < 0.02

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +10,13 @@ import pytest
 from avs3d_bench.geometry import direction_to
 from avs3d_bench.measures.decay import reverberation_time
 from generators.acoustics.clips import binaural_clip, rms
-from generators.apartments.apartment import build_apartment
 from generators.core.rays import RayCaster
-from generators.core.scene import Scene
 from generators.observation.arrangement import arrange, draw_sounding
 from generators.observation.hearing import PRE_ROLL
 from generators.options import GenerateOptions
 from generators.paths.watcher import line_of_sight
 from generators.plan import make_plans, read_manifest
+from tests.support.flats import textured_flat
 
 pytest.importorskip(
     "rlr_audio_propagation", reason="the SoundSpaces engine is not installed: pip install 'avs3d-bench[soundspaces]'"
@@ -26,12 +24,6 @@ pytest.importorskip(
 from generators.acoustics.soundspaces import SoundSpacesBackend
 
 MANIFESTS = Path(__file__).parents[2] / "scenes_manifest"
-
-
-@cache
-def home(name: str, seed: int) -> Scene:
-    """The flat without its light, which sound does not need."""
-    return build_apartment(name, seed)
 
 
 def direct_sound(response: np.ndarray) -> np.ndarray:
@@ -55,7 +47,7 @@ def test_the_louder_ear_is_on_the_sources_side(manifest: str, key: str, share: f
     """The direct sound is louder at the ear on the source's side; the clip, reflections included, nearly always."""
     (plan,) = make_plans(read_manifest(MANIFESTS / f"{manifest}.yaml"), GenerateOptions(only=[key]))
     assert plan.scan.seed is not None
-    flat = home(plan.spec.scan, plan.scan.seed)
+    flat = textured_flat(plan.scan.seed)  # without its light, which sound does not need
     seen = arrange(plan, flat)
     placed, poses = seen.placements, seen.poses
     source = placed[draw_sounding(plan, placed) - 1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 import subprocess
@@ -64,3 +65,23 @@ def test_kernels_whose_types_or_sources_changed_are_compiled_again(tmp_path: Pat
     (tmp_path / "generators/core/other.py").write_text("EDITED = 1")
     assert run(tmp_path, cache, name="Bag", factor=5) == "15.0"
     assert len(list(cache.iterdir())) == 3
+
+
+@jit.inline
+def _halved(value: float, rounded: bool) -> float:
+    return float(value // 2) if rounded else value / 2
+
+
+@jit.njit
+def _both(value: float) -> float:
+    return _halved(value, True) + _halved(value, False) + _halved(3.0, False)
+
+
+def test_constant_arguments_are_no_further_versions_of_a_function() -> None:
+    """Each version is compiled, which is most of the time that a first response takes."""
+    was = gc.isenabled()
+    assert _both(5.0) == 2.0 + 2.5 + 1.5
+    assert gc.isenabled() == was
+    if hasattr(_halved, "overloads"):  # not with NUMBA_DISABLE_JIT
+        assert len(_halved.overloads) == 1
+    assert _halved(5.0, True) == 2.0  # from Python, the function as it is written

@@ -13,6 +13,9 @@ from generators.core.scene import Part, Room, Scene, Support
 from generators.lighting import resolution
 from generators.lighting.bake import QUALITIES, bake, insert
 from generators.lighting.resolution import lay_out
+from generators.lighting.smoothing import despeckle
+from generators.lighting.surfaces import LitSurfaces
+from generators.lighting.texels import Sheet, rasterise
 from tests.generators.test_light import LAMP, area_of, box_room, ceiling_lamp, matte, samples, scene_of
 
 SIDE = 2.0
@@ -111,3 +114,62 @@ def test_contact_shadow_agrees_with_a_sum_over_the_lamp(inserted: bool) -> None:
         near = np.flatnonzero((normals[:, 1] > 0.9) & (gap > low) & (gap < high))[:200]
         truth = lamp_light(points[near], tracer, 1.9, 1.98, LAMP.emission[0])
         assert np.abs(light[near, 0] - truth).mean() < limit * truth.mean()
+
+
+def test_a_lone_bright_texel_is_no_brighter_than_those_around_it_and_an_edge_of_light_stays() -> None:
+    """Two walls side by side in one map, the second one in the light; a beam one texel wide on the first."""
+    builder = MeshBuilder()
+    for x in (0.0, 1.0):
+        builder.quad([(x, 0, 0), (x + 0.6, 0, 0), (x + 0.6, 0.6, 0), (x, 0.6, 0)], matte(0.5))
+    part = Part("walls", builder.build())
+    surfaces = LitSurfaces.of((part,))
+    sheet = Sheet.of([lay_out(part, (), (), FINENESS)])
+    texels = rasterise(surfaces, sheet)
+    chart = sheet.chart[texels.face]
+    assert len(np.unique(chart)) == 2
+    true = np.where(texels.position[:, 0] > 0.8, 3.0, 1.0).astype(np.float32)
+    beam = (texels.position[:, 0] < 0.6) & (
+        np.abs(texels.position[:, 1] - 0.3) < 0.6 * np.linalg.norm(texels.across[0, 1])
+    )
+    true[beam] = 2.0
+    light = np.repeat(true[:, None], 3, axis=1)
+    first = texels.position[:, 0] < 0.6
+    lone = int(
+        np.argmin(np.where(first, np.abs(texels.position[:, 1] - 0.57) + np.abs(texels.position[:, 0] - 0.2), 9))
+    )
+    speckled = light.copy()
+    speckled[lone] = 1.3
+    known = np.ones(len(light), dtype=bool)
+    np.testing.assert_array_equal(despeckle(surfaces, sheet, texels, light, known), light)
+    np.testing.assert_array_equal(despeckle(surfaces, sheet, texels, speckled, known), light)
+
+
+def lamp_at_ceiling(height: float, side: float) -> MeshBuilder:
+    """A frame below the ceiling, open above, and in it a pane that shines to both sides."""
+    builder, (x, z), thick, drop = MeshBuilder(), (1.01, 0.99), 0.006, 0.03
+    half, y = side / 2, height - drop / 2
+    for sign in (-1, 1):
+        builder.box((side + thick, drop, thick), (x, y, z + sign * half), matte(0.5))
+        builder.box((thick, drop, side - thick), (x + sign * half, y, z), matte(0.5))
+    inner, low = half - thick / 2, height - drop
+    corners = [(x - inner, low, z - inner), (x + inner, low, z - inner), (x + inner, low, z + inner)]
+    corners.append((x - inner, low, z + inner))
+    builder.quad(corners, LAMP)
+    return builder.quad(np.add(corners, (0.0, 0.004, 0.0))[::-1], LAMP)
+
+
+def test_the_inside_of_a_lamp_does_not_light_the_ceiling_beside_it() -> None:
+    """All of the frame's outside is in its shadow: the ceiling is lit by the floor and the walls alone."""
+    side = 0.34
+    shell = room_of_a_lamp(side)
+    points, normals, light = samples(shell, 200000)
+    away = np.abs(points[:, [0, 2]] - (1.01, 0.99)).max(axis=1) - side / 2 - 0.003
+    ceiling = normals[:, 1] < -0.9
+    beside, farther = (light[ceiling & (away > low) & (away < high)] for low, high in ((0.002, 0.04), (0.2, 0.3)))
+    assert len(beside) > 300
+    assert beside.max() < 1.5 * farther.mean()
+
+
+def room_of_a_lamp(side: float) -> Part:
+    shell = box_room(matte(0.6), (SIDE, SIDE, SIDE)).build()
+    return bake(scene_of(shell, lamp_at_ceiling(SIDE, side).build()), quality="standard", workers=1).parts[0]

@@ -14,13 +14,16 @@ from click.testing import CliRunner
 
 from avs3d_bench import cli
 from avs3d_bench.commands.report import Problem
+from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import UsageError
+from avs3d_bench.exports.seld import panorama
 from avs3d_bench.formats import media
 from avs3d_bench.validate import validate
 from avs3d_bench.validation import regenerate as module
 from avs3d_bench.validation.regenerate import GROUP, choose_frames, find_maker, regenerate
 from generators import backends
 from generators.cli import generate
+from generators.run.panorama import render_faces
 from tests.support import tampering, tiny
 from tests.support.homes import write_manifest
 from tests.support.tampering import MUTATIONS, Tree
@@ -55,6 +58,35 @@ def installed(monkeypatch: pytest.MonkeyPatch) -> None:
 def _changed(root: Path, target: Path, group: str, name: str) -> tuple[Path, tuple[Problem, ...]]:
     one = next(one for one in MUTATIONS if (one.group, one.name) == (group, name))
     return target, tampering.tampered(root, target, one, KEY)
+
+
+@pytest.mark.slow
+def test_the_faces_about_a_listener_show_what_the_pictures_show(root: Path, manifest: Path):
+    """What `avs3d export seld --video` resamples, looked at through the camera of the dataset."""
+    observation = Dataset(root)[KEY]
+    camera = panorama.face_camera(96)
+    faces = render_faces(panorama.FaceRequest(root, KEY, camera, manifest))
+    own = observation.intrinsics
+    v, u = np.mgrid[0 : own.height, 0 : own.width] + 0.5
+    rays = np.stack([(u - own.cx) / own.fx, -(v - own.cy) / own.fy, -np.ones_like(u)], axis=-1)
+    for frame in (observation.frames[0], observation.frames[3]):
+        world = rays @ frame.pose.rotation_matrix.T
+        shown = panorama.CubeSampler(world, camera).sample(faces(frame.index))
+        # Edges are sampled in other places; a wrong face, axis or place differs everywhere.
+        assert np.median(np.abs(shown.astype(int) - frame.rgb())) <= 2
+    with pytest.raises(UsageError, match="and name it with --manifest"):
+        render_faces(panorama.FaceRequest(root, KEY, camera))
+
+
+def test_the_entry_point_of_panoramas_is_the_renderer(monkeypatch: pytest.MonkeyPatch) -> None:
+    project = Path(cli.__file__).parents[1] / "pyproject.toml"
+    points = tomllib.loads(project.read_text())["project"]["entry-points"][panorama.GROUP]
+    known = [metadata.EntryPoint(name, value, panorama.GROUP) for name, value in points.items()]
+    monkeypatch.setattr(panorama, "entry_points", lambda: known)
+    assert panorama.find_renderer() is render_faces
+    monkeypatch.setattr(panorama, "entry_points", lambda: ())
+    with pytest.raises(UsageError, match="--video needs the generator: pip install"):
+        panorama.find_renderer()
 
 
 @pytest.mark.slow

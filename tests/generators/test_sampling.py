@@ -6,29 +6,34 @@ import itertools
 import shlex
 import shutil
 from collections import Counter
+from collections.abc import Callable, Collection
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
 
 from avs3d_bench.contract.taxonomy import CATEGORIES, DISTRACTORS, OFF_SCREEN_CATEGORIES, PARTS, ROOMS
 from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.geometry import Pose, rotation_angle
 from generators.assets import catalogue
 from generators.assets.sounds import voices
 from generators.manifest.reading import read_manifest
 from generators.manifest.schema import Manifest, ObservationSpec
 from generators.options import GenerateOptions
+from generators.paths.standing import TURN_RATE, stay
 from generators.plan import make_plans
 from generators.sampling import excluded as excluded_module
 from generators.sampling import sample as sample_module
-from generators.sampling.cli import GROUPS, SPLITS
+from generators.sampling.cli import GROUPS, PURPOSES, SPLITS
 from generators.sampling.cli import manifest as command
 from generators.sampling.compositions import COMPOSITIONS, LEVELS, OF_MORE, OF_TWO
 from generators.sampling.document import manifest_text
 from generators.sampling.excluded import Excluded, what_they_use
+from generators.sampling.fitting import SampleFitting
 from generators.sampling.rooms import DISTRACTORS_IN, LOOK_ALIKES, MADE_BY, MOST
 from generators.sampling.sample import MOST_INDEX, SEEDS, SampledGroup, Wanted, sample, shares
 from generators.sampling.siblings import GROUP, siblings
@@ -360,8 +365,6 @@ def test_the_text_of_a_manifest_is_read_as_it_was_drawn(tmp_path: Path, large) -
 
 @pytest.mark.slow
 def test_sampled_observations_fit_into_their_rooms() -> None:
-    from generators.sampling.fitting import SampleFitting
-
     manifest, units = drawn(Wanted(homes=2, observations=20, seed=4))
     firsts = {unit.entries[0]["index"]: unit for unit in units}
     assert firsts
@@ -508,25 +511,38 @@ def test_the_command_in_the_training_manifest_makes_it(tmp_path: Path, monkeypat
 # scenes_manifest/listen.yaml and listen-tune.yaml
 
 
+def fitting_of(path: Path, tried: Collection[str] = ()) -> Callable[[Manifest], tuple[int, ...]]:
+    """Which observations do not fit: in the homes ``tried`` as they are found, elsewhere those that ``path`` lacks."""
+    there = {spec.key: spec.objects for spec in read_manifest(path).manifest.observations}
+
+    def misfits(manifest: Manifest) -> tuple[int, ...]:
+        specs = manifest.observations
+        of_tried = [number for number, spec in enumerate(specs) if spec.scan in tried]
+        own = manifest.model_copy(update={"observations": tuple(specs[number] for number in of_tried)})
+        found = {of_tried[number] for number in SampleFitting()(own)} if of_tried else set()
+        lacking = {n for n, spec in enumerate(specs) if spec.scan not in tried and there.get(spec.key) != spec.objects}
+        return tuple(sorted(found | lacking))
+
+    return misfits
+
+
 @pytest.mark.parametrize("path", [LISTEN, TUNE], ids=["listen", "listen-tune"])
 def test_the_command_in_a_manifest_of_listen_makes_it_if_the_same_groups_fit(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What is drawn follows from the command, without the minutes that places and walks take."""
-    there = {spec.key: spec.objects for spec in read_manifest(path).manifest.observations}
-
-    def misfits(manifest: Manifest) -> list[int]:
-        return [n for n, spec in enumerate(manifest.observations) if there.get(spec.key) != spec.objects]
-
-    monkeypatch.setattr("generators.sampling.fitting.SampleFitting", lambda _workers: misfits)
+    monkeypatch.setattr("generators.sampling.fitting.SampleFitting", lambda _workers: fitting_of(path))
     monkeypatch.chdir(tmp_path)
     assert made_by_its_command(path, tmp_path)[0].read_bytes() == path.read_bytes()
 
 
 @pytest.mark.slow
-def test_the_command_in_the_manifest_of_listen_makes_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_same_groups_fit_as_the_manifest_of_listen_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Places and walks are tried in one of the eight homes."""
+    tried = sorted(read_manifest(LISTEN).manifest.scans)[:1]
+    monkeypatch.setattr("generators.sampling.fitting.SampleFitting", lambda _workers: fitting_of(LISTEN, tried))
     monkeypatch.chdir(tmp_path)
-    made, words = made_by_its_command(LISTEN, tmp_path, "--workers", "1")  # which builds each home once
+    made, words = made_by_its_command(LISTEN, tmp_path)
     assert "--check" in words
     assert made.read_bytes() == LISTEN.read_bytes()
 
@@ -748,7 +764,7 @@ def test_listen_has_homes_of_its_own_every_room_and_every_category(path: Path) -
 
 def test_all_patterns_of_listen_have_as_many_siblings() -> None:
     assert {pattern.size for pattern in (*OF_TWO, *OF_MORE)} == {COMPOSITIONS["listen"].size}
-    assert tuple(COMPOSITIONS) == GROUPS
+    assert tuple(COMPOSITIONS) == (*GROUPS, *PURPOSES)
 
 
 def test_twins_that_do_not_fit_are_placed_anew_before_others_are_drawn() -> None:
@@ -838,3 +854,56 @@ def test_a_version_that_is_none_is_one_line(text: str, tmp_path: Path) -> None:
     said = message(run(tmp_path, "--version", text))
     assert "is no version; expected three numbers, such as 3.0.0" in said
     assert not (tmp_path / "out.yaml").exists()
+
+
+def test_scenes_for_seld_have_several_events_or_a_moving_one_and_three_kinds_of_agents(tmp_path: Path) -> None:
+    options = ["--homes", "2", "--observations", "24", "--seed", "5", "--for", "seld"]
+    done = CliRunner().invoke(command, ["sample", "-o", str(tmp_path / "a.yaml"), *options], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    text = (tmp_path / "a.yaml").read_text()
+    line = shlex.split(text.splitlines()[0].removeprefix("# avs3d manifest "))
+    assert "--for seld" in text.splitlines()[0]
+    assert "--groups" not in line
+    CliRunner().invoke(command, [*line, "-o", str(tmp_path / "b.yaml")], catch_exceptions=False)
+    assert (tmp_path / "b.yaml").read_text() == text, "the command in its first line makes it"
+    assert "&id" not in text
+    manifest = read_manifest(tmp_path / "a.yaml").manifest
+    assert manifest.camera.frames == 60
+    assert Counter(one.part for one in manifest.observations) == {"part_1": 12, "part_3": 12}
+    for home in manifest.scans:
+        agents = Counter(one.agent for one in manifest.observations if one.scan == home)
+        assert set(agents.values()) == {4}, agents
+    for one in manifest.observations:
+        if one.part == "part_1":
+            assert one.source_motion == "path"
+            assert one.room != "bathroom"
+            continue
+        heard = Counter(source.category for source in one.sounding if source.room is None)
+        assert heard == {name: count for name, count in one.objects.items() if name not in DISTRACTORS}
+        assert heard.total() >= 2
+        assert all(source.programme and source.programme.bursts for source in one.sounding)
+    away = [one for one in manifest.observations if any(source.room for source in one.sounding)]
+    assert len(away) == 4, "one in three of the scenes of part_3"
+
+
+def test_what_does_not_go_with_seld_is_one_line(tmp_path: Path) -> None:
+    for options, said in (
+        (["--groups", "listen"], "--groups listen: --for seld has a composition of its own; leave it out"),
+        (["--parts", "part_2"], "--parts part_2: seld has no part_2; expected some of part_1,part_3"),
+    ):
+        whole = ["sample", "-o", str(tmp_path / "a.yaml"), "--homes", "1", "--observations", "1", "--seed", "5"]
+        done = CliRunner().invoke(command, [*whole, "--for", "seld", *options])
+        assert isinstance(done.exception, UsageError)
+        assert str(done.exception) == said
+
+
+def test_an_agent_that_stays_is_at_a_place_of_the_walk() -> None:
+    walk = tuple(Pose.from_yaw((0.3 * n, 1.5, 0.0), 0.2 * n, 0.1) for n in range(20))
+    for turns in (False, True):
+        poses = stay(walk, np.random.default_rng(3), turns=turns)
+        assert len(poses) == len(walk)
+        assert {pose.position for pose in poses} <= {pose.position for pose in walk}
+        assert len({pose.position for pose in poses}) == 1
+        assert all(abs(pose.rotation_matrix[1, 2]) < 1e-12 for pose in poses), "level"
+        angles = [rotation_angle(*pair) for pair in itertools.pairwise(poses)]
+        assert all(TURN_RATE[0] <= one <= TURN_RATE[1] for one in angles) if turns else max(angles) < 1e-9

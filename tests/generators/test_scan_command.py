@@ -54,6 +54,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
+@pytest.mark.slow
 def test_the_manifest_says_what_was_found_and_how(folder: Path) -> None:
     text = (folder / "my_room.yaml").read_text()
     spec = read_manifest(folder / "my_room.yaml").manifest.scans["my_room"]
@@ -67,6 +68,7 @@ def test_the_manifest_says_what_was_found_and_how(folder: Path) -> None:
         assert "  # " in line, f"{field} does not say how it was found"
 
 
+@pytest.mark.slow
 def test_the_home_lies_as_the_manifest_says(folder: Path) -> None:
     plans = make_plans(read_manifest(folder / "my_room.yaml"), GenerateOptions(audio="analytic"))
     home = open_home(plans[0], folder / "cache")
@@ -79,6 +81,7 @@ def test_the_home_lies_as_the_manifest_says(folder: Path) -> None:
     assert table.origin[1] - room.low[1] == pytest.approx(0.55, abs=0.02)
 
 
+@pytest.mark.slow
 def test_every_part_is_in_the_manifest_with_voices_of_the_test_split(folder: Path) -> None:
     manifest = read_manifest(folder / "my_room.yaml").manifest
     assert {entry.part for entry in manifest.observations} == {"part_1", "part_2", "part_3"}
@@ -122,6 +125,7 @@ def test_another_index_is_tried_where_objects_find_no_places(monkeypatch: pytest
     assert [entry["index"] for entry in found if entry["part"] == "part_2"] == [2, 3, 4]
 
 
+@pytest.mark.slow
 def test_the_page_is_one_file(folder: Path) -> None:
     page = (folder / "my_room.html").read_text()
     assert page.count("data:image/jpeg") == 5, "the plan and four pictures"
@@ -158,6 +162,7 @@ def test_a_page_alone_is_written_again(folder: Path, capsys: pytest.CaptureFixtu
     assert "<td>brick</td>" in (folder / "late.html").read_text()
 
 
+@pytest.mark.slow
 def test_nothing_is_replaced_without_a_word(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = (folder / "my_room.yaml").read_bytes()
     assert scan(folder / "phone" / "room.ply", "-o", folder / "my_room.yaml") == 2

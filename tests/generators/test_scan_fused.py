@@ -14,7 +14,6 @@ import pytest
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics
-from generators.apartments.apartment import build_apartment
 from generators.assets.catalogue import build_model, variants
 from generators.core.scene import Scene
 from generators.lighting.bake import insert
@@ -34,6 +33,7 @@ from generators.scans.scan import (
 )
 from generators.vision.embree import EmbreeBackend
 from tests.support import scan_like
+from tests.support.flats import textured_flat
 from tests.support.resting import gaps_below
 
 ROOMS = ("bathroom", "kitchen", "living_room")
@@ -47,7 +47,7 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def home() -> Scene:
     """The three rooms of an apartment, with a toilet (what else would make the bathroom one?)."""
-    flat = build_apartment("flat", 11)
+    flat = textured_flat(11)
     rng = np.random.default_rng(2)
     toilet = place(Site.of(flat, "bathroom"), [build_model("toilet", variants("toilet")[0], rng)], rng=rng)[0]
     parts = [p for p in flat.parts if p.name.removeprefix("shell_").split("/")[0] in ROOMS]

@@ -13,8 +13,8 @@ from generators.assets.meshfile import load_mesh
 from generators.assets.shapes import MeshBuilder
 from generators.core.boxes import UprightBox
 from generators.core.low_discrepancy import PATTERNS, cosine_directions
-from generators.core.scene import Material, Mesh, Part, Room, Scene, StageFile
-from generators.core.tone import tone_curve
+from generators.core.scene import DenseMesh, Material, Mesh, Part, Room, Scene, StageFile
+from generators.core.tone import develop, inverse_tone_curve, srgb_decode, tone_curve
 from generators.lighting.bake import bake, insert
 from generators.lighting.direct import direct_light
 from generators.lighting.emitters import find_emitters
@@ -215,6 +215,43 @@ def _world(camera: Intrinsics, pose: Pose, depth: np.ndarray) -> np.ndarray:
     return np.stack([x, y, -depth], axis=2) + np.array(pose.position)
 
 
+def test_a_dense_scan_shows_all_its_faces_with_the_shadow_that_its_copy_has(scan: Scene) -> None:
+    (part,) = scan.parts
+    mesh = part.mesh
+    # The same surface in four times as many faces: each is cut at the middles of its sides.
+    fine = replace(
+        mesh,
+        positions=_quartered(mesh.positions),
+        normals=np.repeat(mesh.normals, 4, axis=0),
+        uv=_quartered(mesh.uv),
+        face_material=np.repeat(mesh.face_material, 4),
+        acoustic_positions=mesh.acoustic_positions[:0],
+        acoustic_labels=(),
+    )
+    dense = insert(replace(scan, parts=(replace(part, dense=DenseMesh(fine)),)), (block(),))
+    assert sum(len(each.mesh.positions) for each in dense.shown.parts if dense.is_scan(each)) == 4 * len(mesh.positions)
+    camera, pose = Intrinsics.from_fov(120), Pose.from_yaw((1.6, 0.9, 2.9), 0.0)
+    one, other = (EmbreeBackend().open(each, camera).render(pose) for each in (insert(scan, (block(),)), dense))
+    np.testing.assert_array_equal(one.instance_ids, other.instance_ids)
+    empty = EmbreeBackend().open(scan, camera).render(pose).rgb.astype(int)
+    shade = (empty - one.rgb).mean(axis=2)[one.instance_ids == 0]
+    error = (one.rgb.astype(int) - other.rgb).mean(axis=2)[one.instance_ids == 0]
+    assert shade.max() > 40
+    assert np.abs(error).mean() < 0.03 * np.abs(shade).mean() + 0.02
+    assert np.quantile(np.abs(error), 0.999) < 4
+
+
+def _quartered(corners: np.ndarray) -> np.ndarray:
+    """(4 F, 3, K) the four parts of each of the faces (F, 3, K)."""
+    a, b, c = corners.transpose(1, 0, 2)
+    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    return (
+        np.stack([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]])
+        .transpose(2, 0, 1, 3)
+        .reshape(-1, *corners.shape[1:])
+    )
+
+
 def test_the_same_object_gives_the_same_bytes(scan: Scene) -> None:
     one, other = (insert(scan, (block(),)) for _ in range(2))
     for first, second in zip(one.parts, other.parts, strict=True):
@@ -233,6 +270,7 @@ def test_the_shadow_moves_with_the_object(scan: Scene) -> None:
         assert factor[there] > 0.9
 
 
+@pytest.mark.slow
 def test_an_exported_shadow_looks_as_it_is_rendered(scan: Scene, tmp_path: Path) -> None:
     # Renderers that read files get the scan with the shadows in its textures.
     placed = insert(scan, (block(),))
@@ -253,6 +291,42 @@ def test_a_scan_that_another_program_draws_keeps_its_file(scan: Scene) -> None:
     placed = insert(replace(scan, parts=(replace(scan.parts[0], mesh=grey),)), (block(),))
     assert placed.parts[0].light is None
     assert placed.parts[0].mesh is grey
+
+
+def lifted(scan: Scene, black: np.ndarray) -> Scene:
+    """The scan through fog: its texels show the radiance ``black`` more."""
+    (part,) = scan.parts
+    materials = []
+    for material in part.mesh.materials:
+        assert material.texture is not None
+        light = inverse_tone_curve(srgb_decode(material.texture.pixels / 255)) + black
+        materials.append(replace(material, texture=replace(material.texture, pixels=develop(light))))
+    return replace(scan, parts=(replace(part, mesh=replace(part.mesh, materials=tuple(materials))),))
+
+
+def coal(at: tuple[float, float, float] = PLACE) -> Part:
+    """A box of 30 cm that stands there, nearly black."""
+    x, y, z = at
+    return Part("coal", MeshBuilder().box((0.3, 0.3, 0.3), (x, y + 0.15, z), matte(0.02)).build(), instance_id=1)
+
+
+def test_objects_are_as_dark_as_the_fog_over_a_scan_lets_them_be(scan: Scene) -> None:
+    black = np.array([0.05, 0.045, 0.04])
+    clear, foggy = (insert(each, (coal(),)) for each in (scan, lifted(scan, black)))
+    assert clear.scan_light is not None
+    assert foggy.scan_light is not None
+    assert not clear.scan_light.black.any()
+    np.testing.assert_allclose(foggy.scan_light.black, black, atol=0.008)
+    camera, pose = Intrinsics.from_fov(96), Pose.from_yaw((1.6, 0.7, 2.9), 0.0)
+    one, other = (EmbreeBackend().open(each, camera).render(pose) for each in (clear, foggy))
+    own = one.instance_ids == 1
+    true = develop(inverse_tone_curve(srgb_decode(one.rgb[own] / 255)) + black).astype(int)
+    assert true.mean() > one.rgb[own].mean() + 20, "the fog is not seen: the test proves nothing"
+    assert np.abs(other.rgb[own] - true).mean() < 6
+    # And its shadow is as deep as fog over the shadow in the clear room.
+    beside = (one.instance_ids == 0) & (np.linalg.norm(_world(camera, pose, one.depth) - np.array(PLACE), axis=2) < 0.4)
+    true = develop(inverse_tone_curve(srgb_decode(one.rgb[beside] / 255)) + black).astype(int)
+    assert np.abs(other.rgb[beside] - true).mean() < 3
 
 
 def test_what_is_displayed_changes_as_the_radiance_does_under_the_tone_curve() -> None:

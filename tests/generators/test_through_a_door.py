@@ -10,9 +10,9 @@ import pytest
 
 from avs3d_bench.geometry import Pose
 from generators.acoustics.direct import DirectPath
-from generators.apartments.apartment import build_apartment
 from generators.core.freespace import FreeSpace
 from generators.core.scene import Scene
+from tests.support.flats import textured_flat
 
 pytest.importorskip("rlr_audio_propagation", reason="the acoustic engine (extra soundspaces) is not installed")
 from generators.acoustics import soundspaces
@@ -25,7 +25,7 @@ HEIGHT = 1.2
 
 @pytest.fixture(scope="module")
 def home() -> Scene:
-    return build_apartment("apartment_1", SEED)
+    return textured_flat(SEED)
 
 
 def points(home: Scene, room: str, count: int, height: float) -> list[tuple[float, float, float]]:

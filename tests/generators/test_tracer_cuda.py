@@ -298,9 +298,9 @@ def sessions():
     """The furnished flat of the benchmarks: a session of each device."""
     from benchmarks.bench_acoustics import EAR_HEIGHT, LISTENER, ROOMS, SOURCE_HEIGHT, _place
     from benchmarks.bench_acoustics import SOURCE as SHARE
-    from generators.apartments.apartment import build_apartment
+    from tests.support.flats import textured_flat
 
-    scene = build_apartment("bench", 1)
+    scene = textured_flat(1)
     source = _place(scene, ROOMS[0], SHARE, SOURCE_HEIGHT)
     x, y, z = _place(scene, ROOMS[0], LISTENER, EAR_HEIGHT)
     poses = [Pose.from_yaw((x + 0.01 * k, y, z - 0.01 * k), 0.3 * k) for k in range(20)]

@@ -14,12 +14,12 @@ from scipy.special import sph_harm_y
 from threadpoolctl import threadpool_limits
 
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.geometry import Pose
+from avs3d_bench.geometry import Pose, ambisonic_axes, spherical_harmonics
 from benchmarks.receivers import near_pressure
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.hrtf import HEAD_RADIUS, woodworth_itd
 from generators.acoustics.tracer.arrivals import BANDS, Arrivals
-from generators.acoustics.tracer.receivers.ambisonics import Ambisonics, ambisonic_axes, spherical_harmonics
+from generators.acoustics.tracer.receivers.ambisonics import Ambisonics
 from generators.acoustics.tracer.receivers.bands import band_weights, roll_off, upper_edges
 from generators.acoustics.tracer.receivers.gridding import RANKS, fft_length
 from generators.acoustics.tracer.receivers.microphones import Array

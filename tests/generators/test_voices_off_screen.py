@@ -43,7 +43,11 @@ def test_each_category_has_devices_in_training_and_test() -> None:
         assert len(set(training)) == len(training)
 
 
-@pytest.mark.parametrize("voice", VOICES, ids=lambda voice: f"{voice.category}/{voice.name}")
+@pytest.mark.parametrize(
+    "voice",
+    [pytest.param(voice, marks=[pytest.mark.slow] if number % 4 else []) for number, voice in enumerate(VOICES)],
+    ids=[f"{voice.category}/{voice.name}" for voice in VOICES],
+)
 def test_a_sound_repeats_for_a_seed_and_is_never_silent(voice: Voice) -> None:
     rng = np.random.default_rng(1)
     sound = voice.play(3 * SR, rng)

@@ -15,6 +15,8 @@ from packaging.version import Version
 ROOT = Path(__file__).parents[2]
 #: Not pinned by hash: builds of torch differ by machine, the acoustic engine is compiled.
 UNPINNED = {"torch", "rlr-audio-propagation"}
+#: Extras outside of the tested set (docker/lock.py): nothing of them is pinned.
+UNTESTED = ("qa",)
 #: The newest version with a published vulnerability that has a fix, and the advisory.
 VULNERABLE = {
     "click": ("8.3.2", "CVE-2026-7246"),
@@ -41,10 +43,11 @@ VULNERABLE = {
 
 
 def required() -> list[Requirement]:
-    """Every requirement of the project, its extras and its build."""
+    """Every requirement of the project, its extras (but those outside of the tested set) and its build."""
     document = tomllib.loads((ROOT / "pyproject.toml").read_text())
     project = document["project"]
-    lists = [project["dependencies"], *project["optional-dependencies"].values(), document["build-system"]["requires"]]
+    extras = [texts for name, texts in project["optional-dependencies"].items() if name not in UNTESTED]
+    lists = [project["dependencies"], *extras, document["build-system"]["requires"]]
     return [Requirement(text) for texts in lists for text in texts]
 
 
@@ -97,6 +100,13 @@ def test_the_set_without_hashes_and_the_images_have_the_same_versions() -> None:
     assert pinned("avs3d_bench/runtime/tested_versions.txt") == pinned()
     for image in ("build", "evaluator", "generator"):
         assert pinned(f"docker/{image}.txt").items() <= pinned().items()
+
+
+def test_extras_outside_of_the_tested_set_are_named_once_and_left_out_of_setup() -> None:
+    assert f"UNTESTED = {UNTESTED}".replace("'", '"') in (ROOT / "docker/lock.py").read_text()
+    (line,) = [text for text in (ROOT / "Makefile").read_text().splitlines() if text.startswith("EXTRAS := ")]
+    assert not {*UNTESTED} & {*line.removeprefix("EXTRAS := ").split(",")}
+    assert "inspect-ai" not in pinned()
 
 
 def test_every_pinned_file_has_a_hash_and_no_registry_is_named() -> None:

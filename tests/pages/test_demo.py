@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 import subprocess
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.makefile import environment
-from tests.support.markdown_code import ROOT
+from tests.support.markdown_code import ROOT, unknown
 
 pytestmark = pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
 
@@ -50,6 +51,16 @@ def test_it_is_scored_where_it_can_run(tmp_path: Path) -> None:
     assert command in output
     assert "eval data/demo-submissions/listener --dataset data/demo" in output
     assert "not scored" not in output
+
+
+def test_the_small_release_is_made_with_commands_that_exist() -> None:
+    command = ["make", "-n", "-f", str(ROOT / "Makefile"), "release-demo", "BIN=bin", "DEMO_STAMP=", "AUDIO=tracer"]
+    done = subprocess.run(command, cwd=ROOT, env=environment(), capture_output=True, text=True, check=True, timeout=60)
+    calls = [shlex.split(line) for line in done.stdout.splitlines() if line.startswith("bin/avs3d ")]
+    assert [call[1] for call in calls] == ["generate", "validate", "release"]
+    for call in calls:
+        assert not unknown(["avs3d", *call[1:]])
+    assert calls[2][2] == calls[0][calls[0].index("-o") + 1]
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,8 @@ import pytest
 from click.testing import CliRunner
 
 from avs3d_bench.errors import Avs3dError
-from benchmarks import docs_tables, separability
+from benchmarks import docs_tables, leaderboard_page, separability
+from evaluators.reporting.score_file import contents_digest, read_scores
 
 ROOT = Path(__file__).parents[2]
 
@@ -53,6 +54,20 @@ def test_a_typed_figure_is_found(copy: Path) -> None:
     assert docs_tables.outdated(copy) == {page: text}
 
 
+def test_the_leaderboard_has_every_file_of_scores(copy: Path) -> None:
+    results = copy / "docs/results"
+    board = json.loads((results / "leaderboard.json").read_text())
+    scored = [path for path in results.glob("*.json") if "avs3d_eval" in json.loads(path.read_text())]
+    assert {entry["file"] for entry in board["entries"]} == {path.name for path in scored}
+    for entry in board["entries"]:
+        assert entry["digest"] == contents_digest(read_scores(results / entry["file"]))
+    (results / "listener-listen-2d.json").unlink()
+    page = copy / "docs/leaderboard.md"
+    row = "(results/listener-listen-2d.json)"
+    assert row in page.read_text()
+    assert row not in leaderboard_page.pages(copy / "docs")[page]
+
+
 def test_a_page_without_its_place_is_one_line(copy: Path) -> None:
     (copy / "docs/comparing.md").write_text("nothing")
     with pytest.raises(Avs3dError, match=r"comparing\.md: expected the lines <!-- power --> and <!-- end of power -->"):
@@ -73,7 +88,8 @@ def test_shares_of_recognisers_stand_below_their_own_filter() -> None:
 
 def test_a_voice_that_is_left_out_is_not_its_own_neighbour() -> None:
     """Each voice lies beside one of the other category: only what it was trained on itself would be right."""
-    names = ["clock/a/0", "clock/b/0", "toilet/a/0", "toilet/b/0"]
-    clips = separability.Clips(np.zeros((4, 1)), np.array([5, 5, 1, 1]), names)
-    answers = separability.left_out(clips, np.array([[0.0], [10.0], [9.0], [1.0]]))
-    assert answers.argmax(axis=1).tolist() == [1, 1, 5, 5]
+    names = [f"{voice}/0" for voice in ("clock/a", "clock/b", "toilet/a", "toilet/b") for _ in range(3)]
+    clips = separability.Clips(np.zeros((12, 1)), np.repeat([5, 1], 6), names)
+    known = np.repeat([0.0, 10.0, 9.0, 1.0], 3)[:, None] + np.tile([0.0, 0.1, 0.2], 4)[:, None]
+    answers = separability.left_out(clips, known)
+    assert answers.argmax(axis=1).tolist() == [1] * 6 + [5] * 6

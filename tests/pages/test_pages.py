@@ -7,10 +7,8 @@ the examples of docs/metrics.md and of the pages of its topics.
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,6 +23,7 @@ from avs3d_bench.errors import UsageError
 from avs3d_bench.scheduling import jobqueue
 from baselines.oracle import write_oracle
 from baselines.trivial import write_trivial
+from generators.core.folders import default_cache
 from generators.manifest.reading import read_manifest
 from generators.manifest.schema import Manifest
 from tests.support import tiny, tiny_scenes
@@ -60,16 +59,7 @@ def path_of(page: Path) -> str:
 
 
 @pytest.fixture(scope="module")
-def homes(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Baked homes, which several pages use; processes of pytest-xdist share them."""
-    own = tmp_path_factory.getbasetemp()
-    folder = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "homes"
-    folder.mkdir(exist_ok=True)
-    return folder
-
-
-@pytest.fixture
-def folder(tmp_path_factory: pytest.TempPathFactory, homes: Path) -> Iterator[Path]:
+def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with what `make demo` writes into data/, small, and the files that pages take for granted."""
     folder = tmp_path_factory.mktemp("pages")
     tiny.write_dataset(folder / "data/demo", frames=11, keys=tiny.DEMO)
@@ -84,15 +74,30 @@ def folder(tmp_path_factory: pytest.TempPathFactory, homes: Path) -> Iterator[Pa
             text = re.sub(r"^light: \w+\n", "", text, flags=re.M)
             path.write_text(f"{text}light: preview\n", encoding="utf-8")
     manifest = next(block for block in YAML if block.page.name == "part-3.md")
-    (folder / "scenes.yaml").write_text(manifest.code, encoding="utf-8")
+    (folder / "scenes.yaml").write_text(manifest.code.replace("size: 252", "size: 126"), encoding="utf-8")
     (folder / "models").mkdir()
     soundfile.write(folder / "models/ring.wav", np.random.default_rng(0).normal(0, 0.1, 44_100), 44_100)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("AVS3D_CACHE", str(homes))
-        for variable in ("HOME", "AVS3D_ASSETS"):
-            (folder / variable).mkdir()
-            patch.setenv(variable, str(folder / variable))
-        yield folder
+    for variable in ("HOME", "AVS3D_ASSETS"):
+        (folder / variable).mkdir()
+    return folder
+
+
+@pytest.fixture
+def folder(desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of it for a page; the homes of all pages and other tests are baked once."""
+    shutil.copytree(desk, tmp_path / "page")
+    monkeypatch.setenv("AVS3D_CACHE", str(default_cache()))
+    for variable in ("HOME", "AVS3D_ASSETS"):
+        monkeypatch.setenv(variable, str(tmp_path / "page" / variable))
+    return tmp_path / "page"
+
+
+def smaller(block: Block) -> Block:
+    """The block with at most 8 frames, and pictures of at most 252 pixels to a side."""
+    code = block.code
+    for option, most in (("--frames", 8), ("--size", 252)):
+        code = re.sub(rf"({option}) (\d+)", lambda found, most=most: f"{found[1]} {min(int(found[2]), most)}", code)
+    return replace(block, code=code)
 
 
 @pytest.mark.slow
@@ -104,7 +109,7 @@ def test_code_runs(page: Path, folder: Path) -> None:
         if block.file is not None:
             (folder / block.file).write_text(block.code, encoding="utf-8")
         else:
-            said.append(run(block, folder))
+            said.append(run(smaller(block), folder))
     if page.name == "tutorial.md":
         found = re.search(r"^strict IoU in part_2: (\S+)$", "".join(said), re.M)
         assert found

@@ -37,9 +37,10 @@ PUBLIC = {
         "RenderedView",
         "objects",
     },
-    "baselines": {"echosegnet", "oracle", "trivial", "owod_bind", "denseav", "listener"},
+    "baselines": {"echosegnet", "oracle", "trivial", "owod_bind", "denseav", "foundation", "listener"},
     "baselines.echosegnet": {"write_echosegnet", "Settings", "predict"},
     "baselines.owod_bind": {"write_owod_bind", "load_owod_bind"},
+    "baselines.foundation": {"write_foundation", "load_foundation"},
     "baselines.listener": {"Listener", "train", "load_listener", "load_method", "write_listener"},
     "avs3d_bench.exports": {"AVS3DDataset", "write_webdataset", "write_croissant", "waveform"},
 }
@@ -47,6 +48,7 @@ PUBLIC = {
 NEEDS = {
     "baselines.echosegnet": "torch",
     "baselines.owod_bind": "torch",
+    "baselines.foundation": "torch",
     "baselines.listener": "lightning_fabric",
     "avs3d_bench.exports": "torch",
     "generators": "trimesh",

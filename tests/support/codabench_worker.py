@@ -53,12 +53,19 @@ def read_competition(bundle: Path) -> dict[str, Any]:
         return dict(yaml.safe_load(archive.read("competition.yaml")))
 
 
+class NoResultsError(Exception):
+    """The first step of the worker leaves no results for the scoring step."""
+
+
 def prepare(bundle: Path, submission: Path, app: Path, task: int = 0) -> str:
     """Unpack all that a container sees below ``app``; the command that it runs."""
     record = next(each for each in read_competition(bundle)["tasks"] if each["index"] == task)
     first = app.parent / f"{app.name}-first"
     with zipfile.ZipFile(submission) as archive:
         archive.extractall(first)
+    if any((first / name).exists() for name in ("metadata.yaml", "metadata")):
+        # A program: without a command nothing is run, and with one it is run in a container without the masks' reader.
+        raise NoResultsError("the submission has a file metadata.yaml or metadata: taken as a program, not as results")
     (first / "metadata").write_text(yaml.dump({"exitCode": None, "elapsedTime": None}))
     results = shutil.make_archive(str(app.parent / f"{app.name}-result"), "zip", first)
     with zipfile.ZipFile(bundle) as outer:

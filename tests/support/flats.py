@@ -18,16 +18,26 @@ from generators.lighting.bake import bake, insert
 from generators.placement.placement import Placement, place
 from generators.placement.site import Site
 from generators.vision.base import RenderedView, VisionBackend
+from tests.support.once import made_once
 
 ROOMS = ("kitchen", "bathroom")
 #: Kinds of the small things.
 SMALL_THINGS = frozenset(kind.name for kind in CLUTTER)
 
 
+def textured_flat(seed: int) -> Scene:
+    """A flat with its materials, which take ten seconds, and without light."""
+    return made_once(f"flat_{seed}", lambda: build_apartment("flat", seed))
+
+
 @lru_cache(maxsize=1)
 def small_flat() -> Scene:
     """Two lit rooms with their furniture, exposed for the kitchen."""
-    whole = build_apartment("small", 1)
+    return made_once("small_flat", _small_flat)
+
+
+def _small_flat() -> Scene:
+    whole = textured_flat(1)
     parts = [p for p in whole.parts if p.name.split("/")[0] in ROOMS or p.name in {f"shell_{room}" for room in ROOMS}]
     supports = tuple(support for support in whole.supports if support.room in ROOMS)
     rooms = tuple(room for room in whole.rooms if room.name in ROOMS)

@@ -67,9 +67,9 @@ def _clearance(corners: F64, low: F64, high: F64, points: F64, limit: float, out
         x, y, z = points[j, 0], points[j, 1], points[j, 2]
         best = limit * limit
         for i in range(len(corners)):
-            dx = max(low[i, 0] - x, 0.0, x - high[i, 0])
-            dy = max(low[i, 1] - y, 0.0, y - high[i, 1])
-            dz = max(low[i, 2] - z, 0.0, z - high[i, 2])
+            dx = max(max(low[i, 0] - x, x - high[i, 0]), 0.0)
+            dy = max(max(low[i, 1] - y, y - high[i, 1]), 0.0)
+            dz = max(max(low[i, 2] - z, z - high[i, 2]), 0.0)
             if dx * dx + dy * dy + dz * dz < best:
                 best = min(best, _distance2(corners, i, x, y, z))
         out[j] = math.sqrt(best)

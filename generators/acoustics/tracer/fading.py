@@ -118,7 +118,7 @@ def carried(
         ex, ey = ex / length, ey / length
         low, high = px * ex + py * ey, qx * ex + qy * ey
         height = abs(cross) / length
-        beside = max(low, 0.0, -high)
+        beside = max(max(low, -high), 0.0)
         if height * height + beside * beside >= reach2:
             continue
         near = True
@@ -212,7 +212,9 @@ def obstructed(
     found = False
     for i in range(len(rims.open_planes)):
         p = rims.open_planes[i]
-        if p in (own, other):
+        # Not `p in (own, other)`, whose tuple takes a quarter of a second to compile.
+        is_end = p == own
+        if is_end or p == other:
             continue
         cosine = rims.normal[p, 0] * dx + rims.normal[p, 1] * dy + rims.normal[p, 2] * dz
         if abs(cosine) < 1e-9:

@@ -28,7 +28,7 @@ from generators.apartments.joinery import FRAME_DEPTH, PANE_DEPTH, SILL_DEPTH
 from generators.assets.clutter.catalogue import kinds_for
 from generators.assets.clutter.record import ClutterKind, Place
 from generators.assets.furniture import Furniture
-from generators.assets.shapes import rotation, rotations_about_y
+from generators.assets.shapes import rotation
 from generators.core.arrays import distinct_rows
 from generators.core.rays import RayCaster
 from generators.core.scene import Part, Support
@@ -495,7 +495,7 @@ def _nowhere() -> _Candidates:
 
 def _fronts(yaw: Array) -> Array:
     """(K, 3) where the fronts of pieces with these yaws (K,) look."""
-    return rotations_about_y(yaw)[:, :, 2]
+    return rotation("y", yaw)[:, :, 2]
 
 
 def reserved_length(support: Support, *, quiet: bool = False) -> float:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from generators.apartments.floorplan import WallFrame
 from generators.assets.furniture import Furniture
-from generators.assets.shapes import rotation, rotations_about_y
+from generators.assets.shapes import rotation
 
 Array = NDArray[np.float64]
 
@@ -98,7 +98,7 @@ def turned_bounds(furniture: Furniture, yaw: Array) -> tuple[Array, Array]:
     """Lowest and highest corners (K, 3) of a piece at the origin that is turned by ``yaw`` (K,) degrees."""
     low, high = furniture.mesh.bounds.astype(np.float64)
     corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
-    turned = corners @ rotations_about_y(yaw).transpose(0, 2, 1)
+    turned = corners @ rotation("y", yaw).transpose(0, 2, 1)
     return turned.min(axis=1), turned.max(axis=1)
 
 

@@ -98,11 +98,12 @@ def bathtub(kit: Kit, *, length: float | None = None) -> None:
             apron,
             bevel=0.0,
         )
-        edge = depth / 2 - 0.005
-        kit.panel((-width / 2 + 0.005, 0.0, edge - 0.02), (width / 2 - 0.005, top - 0.028, edge), apron, bevel=0.002)
+        # The apron ends in the underside of the rim: a gap of 2 mm would be seen as dark dashes.
+        edge, under = depth / 2 - 0.005, top - 0.024
+        kit.panel((-width / 2 + 0.005, 0.0, edge - 0.02), (width / 2 - 0.005, under, edge), apron, bevel=0.002)
         for side in (-1, 1):
             low, high = sorted((side * (width / 2 - 0.005), side * (width / 2 - 0.025)))
-            kit.panel((low, 0.0, -depth / 2 + 0.005), (high, top - 0.028, edge - 0.02), apron, bevel=0.0)
+            kit.panel((low, 0.0, -depth / 2 + 0.005), (high, under, edge - 0.02), apron, bevel=0.0)
         kit.panel((-0.13, top, -depth / 2 + 0.015), (0.13, top + 0.045, -depth / 2 + 0.055), metal, bevel=0.01)
         tap(kit, (0.0, top + 0.04, -depth / 2 + 0.035), metal, style="block", height=0.05, reach=0.14)
     kit.cylinder(

@@ -25,7 +25,7 @@ from scipy.fft import next_fast_len
 from scipy.special import i0
 
 from generators.acoustics.tracer.receivers.bands import band_weights, roll_off, upper_edges
-from generators.core.jit import inline, njit
+from generators.core.jit import njit
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -102,80 +102,57 @@ def fft_length(least: int) -> int:
     return next(power * eighth // 8 for eighth in (5, 6, 7, 8) if power * eighth // 8 >= least)
 
 
-def _block(rank: int) -> Callable[..., None]:
-    """A function that adds one arrival to a grid of ``rank`` channels; with a constant rank its loops are unrolled."""
-
-    @inline
-    def add(  # pragma: no cover  # compiled
-        grid: F32, start: int, row: F32, column: int, pressure: float, table: F32, step: int
-    ) -> None:
-        for tap in range(TAPS):
-            amount = pressure * table[step, tap]
-            for k in range(rank):
-                grid[start + tap * rank + k] += amount * row[column + k]
-
-    return add
-
-
-#: Ranks with a function of their own; a basis has as many components as one of them.
+#: Numbers of channels that grids have. Each has a loop of its own, compiled when it is first used: with a constant
+#: number of channels it is unrolled.
 RANKS = (1, 2, 4, 6, 8, 9, 12, 16)
-_add_1, _add_2, _add_4, _add_6, _add_8, _add_9, _add_12, _add_16 = (_block(rank) for rank in RANKS)
 
 
-@njit
-def spread(  # pragma: no cover  # compiled
-    grid: F32,
-    layout: I64,
-    time: F64,
-    period: float,
-    index: NDArray[np.int32],
-    rows: F32,
-    pressure: F32,
-    table: F32,
-) -> None:
-    """Add arrivals to the grids of all octaves, in order.
+@lru_cache(maxsize=len(RANKS))
+def spread_of(rank: int) -> Callable[..., None]:
+    """The compiled function that adds arrivals to the grid of an octave with ``rank`` channels, in order.
 
-    Args:
-        grid: (G,) all grids, one after the other; that of an octave is (length + TAPS, rank), row after row, and begins
-            TAPS/2 − 1 samples before time 0: `folded` joins its ends. Changed.
-        layout: (8, 4) per octave: first element in ``grid``, length, rank (of `RANKS`), first column in ``rows``.
-        time: (n,) s, from −period on and below period.
-        period: s that every grid spans.
-        index: (n,) row of ``rows`` for each arrival.
-        rows: (K, C) weights of an octave's ``rank`` channels.
-        pressure: (n, 8).
+    Its arguments:
+        grid: (G,) float32; from ``first`` on the octave's (length + TAPS, rank), row after row, beginning TAPS/2 − 1
+            samples before time 0: `folded` joins its ends. Changed.
+        first: first element.
+        length: of the grid, samples.
+        place: (n,) float64 time of each arrival as a share of the grid's period, below 1.
+        index: (n,) int32 row of ``rows`` for each arrival.
+        rows: (K, C) float32 weights of the channels.
+        column: first column of the octave.
+        pressure: (n, 8) float32.
+        band: number of the octave.
         table: `window_table`.
     """
-    for i in range(len(time)):
-        place = time[i] / period
-        if place < 0:
-            place += 1.0
-        row = rows[index[i]]
-        for band in range(layout.shape[0]):
-            length, rank, column = layout[band, 1], layout[band, 2], layout[band, 3]
+
+    @njit
+    def spread(  # pragma: no cover  # compiled
+        grid: F32,
+        first: int,
+        length: int,
+        place: F64,
+        index: NDArray[np.int32],
+        rows: F32,
+        column: int,
+        pressure: F32,
+        band: int,
+        table: F32,
+    ) -> None:
+        for i in range(len(place)):
             p = pressure[i, band]
-            if length == 0 or p == 0:
+            if p == 0:
                 continue
-            u = place * length
+            u = place[i] * length
             whole = int(u)
             step = int((u - whole) * FRACTIONS)
-            start = layout[band, 0] + whole * rank
-            if rank == 1:
-                _add_1(grid, start, row, column, p, table, step)
-            elif rank == 2:
-                _add_2(grid, start, row, column, p, table, step)
-            elif rank == 4:
-                _add_4(grid, start, row, column, p, table, step)
-            elif rank == 6:
-                _add_6(grid, start, row, column, p, table, step)
-            elif rank == 8:
-                _add_8(grid, start, row, column, p, table, step)
-            elif rank == 9:
-                _add_9(grid, start, row, column, p, table, step)
-            elif rank == 12:
-                _add_12(grid, start, row, column, p, table, step)
-            else:
-                _add_16(grid, start, row, column, p, table, step)
+            start = first + whole * rank
+            row = index[i]
+            for tap in range(TAPS):
+                amount = p * table[step, tap]
+                for k in range(rank):
+                    grid[start + tap * rank + k] += amount * rows[row, column + k]
+
+    return spread
 
 
 def folded(grid: F32) -> F32:

@@ -24,7 +24,7 @@ from generators.acoustics.tracer.receivers.gridding import (
     fft_length,
     folded,
     grids_for,
-    spread,
+    spread_of,
     window_table,
 )
 
@@ -124,15 +124,18 @@ def _port_spectra(arrivals: Arrivals, port: ReceiverPort, grids: Grids) -> C128:
     ranks = np.array([count for _, count in port.columns])
     sizes = np.where(grids.lengths > 0, grids.lengths + TAPS, 0) * ranks
     first = np.cumsum(sizes) - sizes
-    layout = np.stack([first, grids.lengths, ranks, [start for start, _ in port.columns]], axis=1).astype(np.int64)
     grid = np.zeros(int(sizes.sum()), dtype=np.float32)
-    time = arrivals.time + port.delay
-    spread(grid, layout, time, grids.period, port.index, port.rows, arrivals.pressure, window_table())
+    place = (arrivals.time + port.delay) / grids.period
+    place[place < 0] += 1.0
     channels = 1 if port.filters is not None else int(ranks[0])
     spectra = np.zeros((grids.samples // 2 + 1, channels), dtype=np.complex128)
     for band in range(len(BANDS)):
         if not sizes[band]:
             continue
+        spread_of(int(ranks[band]))(
+            grid, first[band], grids.lengths[band], place, port.index, port.rows, port.columns[band][0],
+            arrivals.pressure, band, window_table(),
+        )  # fmt: skip
         sums = folded(grid[first[band] : first[band] + sizes[band]].reshape(-1, ranks[band]))
         count = grids.bins[band]
         spectrum = rfft(sums, axis=0)[:count]

@@ -29,4 +29,6 @@ VOICES: tuple[Voice, ...] = (
     _voice(escapements.cuckoo, "test", "pendulum and bellows", _ROSSING),
     _voice(electric.flip, "test", "synchronous motor and falling leaves", _WARREN),
     _voice(escapements.carriage_lever, "test", "balance with jewelled lever", _RAWLINGS),
+    _voice(electric.bedside_quartz, "train", "quartz stepper", _LAVET),
+    _voice(electric.buzzer_alarm, "train", "synchronous motor and reed", _WARREN),
 )

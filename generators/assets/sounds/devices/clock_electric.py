@@ -185,3 +185,52 @@ def flip(count: int, rng: Generator) -> Array:
         + 0.02 * driven(mesh, box)
         + 0.02 * sloped(count, rng, 300, 9000, -1.5)
     )
+
+
+def bedside_quartz(count: int, rng: Generator) -> Array:
+    """Quartz alarm clock at arm's length: soft steps in a plastic box, over the low noise of a room or a street.
+
+    Steps as in `wall_quartz`; small boxes have no dial to drum on. Recordings of such clocks are quiet and turned up:
+    their floor lies 8 to 30 dB below the ticks, and falls by 3 to 8 dB per octave from 60 Hz on. Units: box, motor,
+    room.
+    """
+    times = rng.uniform(0.0, 1.0) + np.arange(count // SAMPLE_RATE + 2) * (1.0 + rng.normal(0, 1e-5))
+    times = times + rng.normal(0, 5e-4, len(times))
+    strokes = step_strokes(rng, rng.uniform(45, 90), rng.uniform(0.15, 0.4), rng.uniform(0.02, 0.045))
+    gears = plate(rng, 1300, rng.uniform(5000, 9500), 22, 0.035, slope=rng.uniform(-2.0, 0.0))
+    box = plate(rng, 500, 3200, 16, rng.uniform(0.03, 0.06), slope=-0.8)
+    out = stepping(count, rng, times, strokes, [(gears, 6e-5, 1.0), (box, 3e-4, rng.uniform(0.5, 2.0))])
+    room = sloped(count, rng, rng.uniform(45, 200), 6000, rng.uniform(-8.0, -3.0))
+    room = room * expand(np.exp(wander(count, rng, 1.0, 0.2)), count)
+    return np.asarray(out / max(float(out.std()), 1e-9) + 10 ** (rng.uniform(-30.0, -8.0) / 20) * room)
+
+
+def buzzer_alarm(count: int, rng: Generator) -> Array:
+    """Electric alarm clock: a synchronous motor whose leaking field shakes a steel reed once the alarm lets it go.
+
+    The reed lies over the coil's air gap and strikes the frame 100 or 120 times a second, missing some; it is held away
+    until the hour (a vibro-impact, as `rattling_compact` of the microwaves). Hum and gears as in `synchronous`, softer.
+    Units: reed, frame, gears, mains.
+    """
+    mains = float(rng.choice([50.0, 60.0]))
+    frame = plate(rng, 220, 4200, 26, 0.025, slope=rng.uniform(-1.5, 0.0))
+    hum = synchronous_hum(count, rng, mains, plate(rng, 160, 2600, 20, 0.04, slope=-0.8))
+    pulse = mains_turns(count, rng, mains)
+    beats = np.flatnonzero(np.diff(np.floor(2.0 * pulse)) > 0) / CONTROL_RATE
+    edges = np.cumsum(rng.uniform(4.0, 14.0, count // (4 * SAMPLE_RATE) + 3)) - rng.uniform(0.0, 12.0)
+    let_go = np.searchsorted(edges, beats) % 2 == int(rng.integers(0, 2))
+    kept = beats[let_go & (rng.random(len(beats)) > rng.uniform(0.02, 0.25))]
+    force = np.exp(rng.normal(0.0, 0.2, len(kept)))
+    reed = drummed(count, rng, frame, kept, force, rng.uniform(6e-5, 2e-4), 0.3)
+    rate = rng.uniform(4.0, 16.0)
+    meshing = np.cumsum(np.exp(rng.normal(0, 0.15, int(rate * count / SAMPLE_RATE * 1.2) + 4)) / rate)
+    train = plate(rng, 900, 9500, 26, 0.03)
+    gears = drummed(count, rng, train, meshing, np.exp(rng.normal(0, 0.5, len(meshing))), 6e-5, 0.4)
+    level = max(float(gears.std()), 1e-9)
+    loud = max(float(reed.std()), 1e-9)
+    return np.asarray(
+        rng.uniform(0.04, 0.2) * hum / max(float(hum.std()), 1e-9)
+        + 0.25 * gears / level
+        + rng.uniform(0.3, 0.9) * reed / loud
+        + 0.03 * sloped(count, rng, 200, 7000, -3.5)
+    )

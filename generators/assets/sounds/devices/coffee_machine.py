@@ -28,6 +28,7 @@ from generators.assets.sounds.devices.coffee_machine_parts import (
     slugs,
     unrest,
 )
+from generators.assets.sounds.devices.coffee_machine_small import geared_conical_grinder, pod_air_pump
 from generators.assets.sounds.signals import Array, band_noise, harmonics, phase_of, time_axis
 from generators.assets.sounds.voice import Voice
 from generators.assets.sounds.water import (
@@ -483,4 +484,8 @@ VOICES: tuple[Voice, ...] = (
     _voice(bean_to_cup, "test", _PUMP, f"{_ULKA}; geared motors; sequence of automatic machines"),
     _voice(blade_grinder, "test", "universal motor with blade", "blade passing, torque at twice the mains"),
     _voice(steam_wand_milk, "test", "steam condensing in milk", "Li et al. 2023; Wang et al. 2021; Lighthill 1952"),
+    _voice(pod_air_pump, "train", "diaphragm air pump", "two valves a turn; Aljishi & Tatarkiewicz 1991"),
+    _voice(
+        geared_conical_grinder, "train", "grinder behind a planetary gear", "McFadden & Smith, Proc. IMechE 199 (1985)"
+    ),
 )

@@ -10,6 +10,7 @@ from numpy.random import Generator
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
 from generators.assets.sounds.devices.microwave_food import commercial_twin, inverter_quiet, popcorn, timer_bell
+from generators.assets.sounds.devices.microwave_heaters import heavy_stirrer, quartz_grill
 from generators.assets.sounds.devices.microwave_parts import (
     Moments,
     beeps,
@@ -297,4 +298,6 @@ VOICES: tuple[Voice, ...] = (
     Voice(_M, "timer_bell", "test", "mains transformer with clockwork timer", _TRANSFORMERS, timer_bell),
     Voice(_M, "inverter_quiet", "test", "inverter", _INVERTERS, inverter_quiet),
     Voice(_M, "commercial_twin", "test", "two supplies and blowers", _TRANSFORMERS, commercial_twin),
+    Voice(_M, "quartz_grill", "train", "heaters in quartz tubes", "force between turns of a coil", quartz_grill),
+    Voice(_M, "heavy_stirrer", "train", "mains transformer and stirrer on a belt", _TRANSFORMERS, heavy_stirrer),
 )

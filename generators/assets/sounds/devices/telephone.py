@@ -85,4 +85,15 @@ VOICES: tuple[Voice, ...] = (
         "tuned bars, modes 1 : 4 : 9.5: Fletcher & Rossing, The Physics of Musical Instruments (1998), chapter 19",
         mobile.smartphone_marimba,
     ),
+    Voice(
+        "telephone",
+        "warbling_caller",
+        "train",
+        "gated oscillator",
+        f"tone caller of the British Telephone No. 712 (1965); {_CADENCE}",
+        tones.warbling_caller,
+    ),
+    Voice(
+        "telephone", "sampled_bell", "train", "recorded bell through a small loudspeaker", _SHELL, bells.sampled_bell
+    ),
 )

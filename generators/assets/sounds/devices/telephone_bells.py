@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.random import Generator
+from scipy.signal import fftconvolve
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
 from generators.assets.sounds.bells import (
@@ -19,12 +20,13 @@ from generators.assets.sounds.bells import (
     click,
     gong,
     handset,
+    loudspeaker,
     resonator,
     ring,
     stroke,
 )
 from generators.assets.sounds.room_tone import over_room_tone
-from generators.assets.sounds.signals import Array, add_at, strike
+from generators.assets.sounds.signals import Array, add_at, strike, unit
 
 
 def _strokes(
@@ -135,3 +137,38 @@ def wall_single_gong(count: int, rng: Generator) -> Array:
         moment = stop + rng.uniform(0.01, 0.06)
         add_at(out, round(moment * SAMPLE_RATE), rng.uniform(0.4, 0.9) * free[int(rng.integers(0, len(free)))])
     return over_room_tone(out, rng)
+
+
+def sampled_bell(count: int, rng: Generator) -> Array:
+    """A mobile telephone that plays the recording of an old bell: one ring, repeated, through a small loudspeaker.
+
+    The ring is a `Ringer` of two gongs in a room of the recording; the loudspeaker cuts below 500 to 1,000 Hz and above
+    6 to 12 kHz and is overdriven. Unit: the recording (gongs, rate, length), loudspeaker, pause. Model: shells' ring
+    modes (`bells.gong`), as in `uk_desk_bell`.
+    """
+    low, contact = rng.uniform(700.0, 1500.0), rng.uniform(4e-5, 1.2e-4)
+    pair = []
+    for lowest in (low, low * rng.uniform(1.08, 1.3)):
+        modes = gong(rng, lowest, rng.uniform(0.6, 2.0), rng.uniform(0.75, 0.95))
+        pair.append(_strokes(rng, modes, contact, 1.2, (rng.uniform(0.1, 0.5), rng.uniform(0.02, 0.1))))
+    ringer = Ringer(
+        gongs=tuple(pair),
+        current=rng.uniform(14.0, 27.0),
+        bias=rng.uniform(-0.15, 0.15),
+        unsteady=rng.uniform(4e-4, 1.2e-3),
+        missed=rng.uniform(0.0, 0.02),
+    )
+    length, pause = rng.uniform(0.8, 2.2), rng.uniform(0.6, 2.2)
+    size = int((length + 0.9) * SAMPLE_RATE)
+    phrase = ring(size, rng, ringer, Rings(((0.0, length),), ()))
+    time = np.arange(SAMPLE_RATE // 3) / SAMPLE_RATE
+    tail = rng.standard_normal(len(time)) * np.exp(-6.91 * time / rng.uniform(0.2, 0.6))
+    tail *= rng.uniform(0.0, 0.5) / np.sqrt(np.sum(np.square(tail)))
+    tail[0] += 1.0
+    phrase = unit(fftconvolve(phrase, tail)[:size]) * np.minimum(1.0, np.arange(size)[::-1] / 2000.0)
+    out = np.zeros(count)
+    now = -rng.uniform(0.0, 0.85) * (length + pause)
+    while now * SAMPLE_RATE < count:
+        add_at(out, round(now * SAMPLE_RATE), np.exp(rng.normal(0.0, 0.03)) * phrase)
+        now += length + pause
+    return over_room_tone(loudspeaker(out, rng, (500.0, 1000.0), (0.01, 0.05)), rng)

@@ -160,3 +160,31 @@ def voip_office(count: int, rng: Generator) -> Array:
     sounding = gate(count, [(0.0, count / SAMPLE_RATE)], 0.01, 0.01)
     out = unit(out) * sounding * (1 + slow_curve(count, rng, 6.0, 0.02))
     return over_room_tone(loudspeaker(out, rng, (260.0, 480.0), (0.03, 0.12)), rng)
+
+
+def warbling_caller(count: int, rng: Generator) -> Array:
+    """An electronic tone caller of the 1960s: one oscillator near 2 kHz, gated by the ringing current, that swells.
+
+    The current of 17 to 50 Hz, rectified by half or whole waves, feeds the oscillator, whose pitch follows it a little;
+    a capacitor charges in the first second, so each ring grows. Model: the British Telephone No. 712 ("Trimphone",
+    1965), whose caller warbled so. Unit: pitch, rectifier, swelling, capsule. Take: cadence, drift, half waves.
+    """
+    pattern, current = _NETWORKS[int(rng.integers(0, len(_NETWORKS)))]
+    current = rng.uniform(0.85, 1.0) * current
+    rings = cadence(count, rng, pattern, (3, 7))
+    pitch, bend, smooth = rng.uniform(1500.0, 2500.0), rng.uniform(0.005, 0.06), rng.uniform(0.0, 0.6)
+    whole, charge = rng.random() < 0.5, rng.uniform(0.3, 2.5)
+    spectrum = _square(rng, pitch, rng.uniform(0.3, 0.5))
+    out = np.zeros(count)
+    for first, length in _bursts(count, rings):
+        ac = np.sin(turning(length, rng, current, 0.004, 0.003))
+        half = np.abs(ac) if whole else np.maximum(ac, 0.0)
+        supply = smooth + (1.0 - smooth) * half * (1 + slow_curve(length, rng, 2 * current, 0.06))
+        tone = wave(
+            phase_of(pitch * (1.0 + bend * (half - 0.5)) * unsteady(length, rng, 0.001, 0.001), length), spectrum, rng
+        )
+        swell = 1.0 - 0.7 * np.exp(-time_axis(length) / charge)
+        add_at(out, first, tone * supply * swell * np.minimum(1.0, time_axis(length)[::-1] / 0.01))
+    if rng.random() < 0.5:
+        return over_room_tone(loudspeaker(unit(out), rng, (500.0, 1100.0), (0.01, 0.06)), rng)
+    return over_room_tone(piezo(out, rng, (1600.0, 2800.0)), rng)

@@ -500,6 +500,69 @@ def flushometer_piston(count: int, rng: Generator) -> Array:
     return take.heard(power, water, 2.2)
 
 
+def washout_shelf(count: int, rng: Generator) -> Array:
+    """Washout pan with a shelf: the water spreads over it as a thin sheet and falls over its edge into the trap.
+
+    Unit: flush of 5 to 8 s (older cisterns of 9 l), sheet, fall of 10 to 20 cm whose air resonates at 150 to 420 Hz,
+    a float valve under water that is a soft rush. No siphon and no draught; it ends in a trickle.
+    """
+    take = Take(count, rng)
+    flush, refill, fall = rng.uniform(5.0, 8.0), rng.uniform(18.0, 40.0), rng.uniform(150.0, 420.0)
+    sheet, lever = rng.uniform(0.35, 0.8), rng.uniform(250.0, 600.0)
+    now = -rng.uniform(0.0, 20.0) if rng.random() < 0.5 else rng.uniform(0.2, 0.8)
+    while now < take.line.seconds:
+        length, fill = flush * rng.uniform(0.9, 1.1), refill * rng.uniform(0.9, 1.1)
+        take.at(now - 0.15, 0.8, knock(rng, lever, 4800, 0.07))
+        take.line.add("sheet", *_head(now, length, 0.4))
+        take.line.add("fall", *_head(now + 0.3, length, 0.7))
+        take.line.add("trickle", (now + length, 0.0), (now + length + 0.6, 1.0), (now + length + 9.0, 0.1))
+        take.line.add("fill", *_refill(now + 1.0, fill, rng.uniform(0.06, 0.14), rng.uniform(1.0, 5.0)))
+        if rng.random() < 0.35:
+            _seat(take, now - rng.uniform(0.9, 1.6), rng.uniform(0.8, 2.0))
+        now += 1.0 + fill + rng.uniform(1.0, 5.0)
+    throat = fall * np.exp(frame_drift(len(take.line.times), rng, 4.0, 0.12))
+    power = sheet * take.power("sheet", spectrum(_RIM, rng, 1.5), 2.0, 8.0)
+    power += take.power("fall", spectrum(_PLUME, rng, 1.5, 2.5, 3), 4.0, 14.0) * moving_peak(throat, 2.5, 8.0)
+    power += take.power("fill", spectrum(_QUIET_VALVE, rng, 1.5), 1.8, 7.0)
+    power += take.power("-", spectrum(_RESIDUE, rng, 1.5), 1.0, least=rng.uniform(0.04, 0.08))
+    water = 0.7 * take.bubbles("fall", 140, (1.0, 7.0), 1.0) + 0.5 * take.bubbles("trickle", 40, (0.8, 5.0))
+    water += 1.8 * take.splashes("fall", 60, 0.3) + 0.7 * take.splashes("trickle", 25)
+    return take.heard(power, water, 1.6)
+
+
+def silent_refill(count: int, rng: Generator) -> Array:
+    """Deep-trap pan and a fill valve with a submerged outlet: a short loud flush, then nearly nothing until the next.
+
+    Recordings of flushes are 17 to 19 dB quieter in their quiet moments than in the mean, cisterns that run 4: this one
+    leaves out the running. Unit: flush of 2.4 to 4.5 s, trap of 90 to 260 Hz with 2 to 6 gulps (`water.gulps`),
+    valve (group I of ISO 3822: 10 dB below group II), room.
+    """
+    take = Take(count, rng)
+    flush, refill, trap = rng.uniform(2.4, 4.5), rng.uniform(12.0, 25.0), rng.uniform(90.0, 260.0)
+    bright, room = rng.uniform(0.1, 0.7), rng.uniform(0.035, 0.06)
+    now = -rng.uniform(0.0, 6.0) if rng.random() < 0.5 else rng.uniform(0.2, 2.0)
+    while now < take.line.seconds:
+        length = flush * rng.uniform(0.9, 1.1)
+        take.at(now - 0.1, rng.uniform(0.8, 1.6), knock(rng, 350, 5000, 0.05, click=0.7))
+        take.line.add("flush", *_head(now, length, 0.15))
+        take.line.add("draught", (now + length - 1.2, 0.0), (now + length - 0.4, 0.9), (now + length + 0.3, 0.0))
+        number = int(rng.integers(2, 7))
+        take.at(now + length - 0.3, rng.uniform(1.0, 2.4), gulps(rng, number, trap, rng.uniform(4.0, 8.0), 0.6))
+        take.line.add("rest", (now + length, 0.0), (now + length + 0.5, 1.0), (now + length + 4.0, 0.0))
+        take.line.add("fill", *_refill(now + 0.8, refill, rng.uniform(0.015, 0.045), 0.5))
+        now += length + rng.uniform(5.0, 14.0)
+        if rng.random() < 0.4:
+            _seat(take, now - rng.uniform(1.2, 2.4), rng.uniform(1.0, 2.5))
+    power = take.power("flush", spectrum(_PLUME, rng, 1.5, 2.5, 3), 3.0, 12.0)
+    power += bright * take.power("flush", spectrum(_RIM, rng, 1.5), 2.5, 12.0)
+    power += take.power("draught", spectrum(_SUCTION, rng), 4.0, 16.0)
+    power += take.power("fill", spectrum(_QUIET_VALVE, rng, 1.5), 1.5, 6.0)
+    power += take.power("-", spectrum(_RESIDUE, rng, 1.5), 1.0, least=room)
+    water = 0.6 * take.bubbles("flush", 130, (0.8, 6.0), 1.0) + 0.6 * take.bubbles("rest", 35, (0.8, 5.0))
+    water += 2.0 * take.splashes("flush", 60, 0.3) + 0.6 * take.splashes("rest", 20)
+    return take.heard(power, water, 1.6)
+
+
 _GRAVITY = "gravity cistern, wash-down pan"
 _MAINS = "flush valve on the mains"
 
@@ -519,4 +582,6 @@ VOICES: tuple[Voice, ...] = (
     _voice(concealed_wall, "test", _GRAVITY, "Cremer 1942 (mass law, coincidence); EN 14366"),
     _voice(pressure_assisted, "test", "compressed-air vessel", "ASSE 1037; Lighthill 1952"),
     _voice(flushometer_piston, "test", _MAINS, "ASSE 1037; IEC 60534-8-4; Weaver & Ziada 1980"),
+    _voice(washout_shelf, "train", "gravity cistern, washout shelf", "EN 997; bubbles: van den Doel 2005"),
+    _voice(silent_refill, "train", _GRAVITY, "EN 997, ISO 3822-4; Clanet & Searby 2004 (gulps)"),
 )

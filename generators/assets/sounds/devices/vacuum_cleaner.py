@@ -10,6 +10,7 @@ import numpy as np
 from numpy.random import Generator
 
 from generators.assets.sounds.devices.vacuum_cleaner_battery import hand_brushed, robot, stick
+from generators.assets.sounds.devices.vacuum_cleaner_canisters import bagless_canister, straight_through
 from generators.assets.sounds.devices.vacuum_cleaner_parts import (
     Habit,
     debris,
@@ -236,6 +237,7 @@ _CANISTERS = "S. Atamer and M. E. Altinsoy, Vacuum cleaner noise annoyance, Appl
 _UPRIGHTS = "T. A. Brungart, G. C. Lauchle and R. K. Ramanujam, Noise Control Eng. J. 47(1) (1999) 3–7"
 _HANDHELDS = "T. A. Brungart and G. C. Lauchle, Noise Control Eng. J. 49(2) (2001) 73–78"
 _HOSES = "B. Rajavel and M. G. Prasad, Acoustics of corrugated pipes: a review, Applied Mechanics Reviews 65 (2013)"
+_CYCLONES = "T. A. Grimble and M. P. Juniper, Local linear stability analysis of cyclone separators, JFM (2017)"
 _C = "vacuum_cleaner"
 
 VOICES: tuple[Voice, ...] = (
@@ -256,4 +258,6 @@ VOICES: tuple[Voice, ...] = (
     Voice(_C, "upright_cyclone", "test", "universal motor with brush roll", _UPRIGHTS, upright_cyclone),
     Voice(_C, "hand_brushed", "test", "direct-current motor with working fan", _HANDHELDS, hand_brushed),
     Voice(_C, "central_inlet", "test", "corrugated hose on a distant motor", _HOSES, central),
+    Voice(_C, "bagless_canister", "train", "universal motor with cyclones", _CYCLONES, bagless_canister),
+    Voice(_C, "straight_through", "train", "two-stage motor in a cloth bag's air", _SUCTION_UNITS, straight_through),
 )

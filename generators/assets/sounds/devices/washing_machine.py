@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from generators.assets.sounds.devices import washing_machine_drums as drums
+from generators.assets.sounds.devices import washing_machine_dryers as dryers
 from generators.assets.sounds.devices import washing_machine_tubs as tubs
 from generators.assets.sounds.voice import Voice
 
@@ -13,6 +14,7 @@ _TIMAR = "P. L. Timár (ed.), Noise and Vibration of Electrical Machines (1989)"
 _CONRAD = "D. C. Conrad, W. Soedel, Journal of Sound and Vibration 188 (1995) 301–314"
 _MCFADDEN = "P. D. McFadden, J. D. Smith, Journal of Sound and Vibration 96 (1984) 69–82"
 _SCHEMMANN = "H. Schemmann, dissertation, Eindhoven (1971), on single-phase synchronous motors"
+_GUEDEL = "A. Guédel, Fan Acoustics: Noise Generation and Control Methods, AMCA (2007)"
 _HOLMES = "P. J. Holmes, Journal of Sound and Vibration 84 (1982) 173–189, on bouncing"
 
 
@@ -29,4 +31,6 @@ VOICES: tuple[Voice, ...] = (
     _voice(tubs.twin_tub, "test", "induction motor and pulsator", _TIMAR),
     _voice(drums.walking_spin, "test", "universal motor and belt", _HOLMES),
     _voice(drums.worn_bearing, "test", "defective rolling bearing", _MCFADDEN),
+    _voice(dryers.washer_dryer, "train", "blower over a heater", _GUEDEL),
+    _voice(dryers.toploader_hatch, "train", "universal motor and belt", _CONRAD),
 )
