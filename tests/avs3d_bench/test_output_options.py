@@ -113,6 +113,10 @@ OUTPUTS = {
         "train listener --data shards -o OUT --steps 1 --size small --accelerator cpu --workers 1",
         takes=("cache/a", "listener.safetensors", "model_card.json", "model_card.md", "checkpoint.pt"), alone=True,
     ),
+    ("train listener", "cache"): Case(
+        "train listener --data shards -o run --cache OUT --steps 1 --size small --accelerator cpu --workers 1",
+        takes=("table.json", "a"), alone=True,
+    ),
     ("baseline all-black", "path"): Case(f"baseline all-black {_BASELINE}", reruns=False),
     ("baseline all-white", "path"): Case(f"baseline all-white {_BASELINE}", reruns=False),
     ("baseline centre-box", "path"): Case(f"baseline centre-box {_BASELINE}", reruns=False),
