@@ -113,6 +113,10 @@ OUTPUTS = {
         "train listener --data shards -o OUT --steps 1 --size small --accelerator cpu --workers 1",
         takes=("cache/a", "listener.safetensors", "model_card.json", "model_card.md", "checkpoint.pt"), alone=True,
     ),
+    ("train listener", "cache"): Case(
+        "train listener --data shards -o run --cache OUT --steps 1 --size small --accelerator cpu --workers 1",
+        takes=("table.json", "a"), alone=True,
+    ),
     ("baseline all-black", "path"): Case(f"baseline all-black {_BASELINE}", reruns=False),
     ("baseline all-white", "path"): Case(f"baseline all-white {_BASELINE}", reruns=False),
     ("baseline centre-box", "path"): Case(f"baseline centre-box {_BASELINE}", reruns=False),
@@ -148,7 +152,7 @@ INPUTS = {
     "array", "lock", "path", "data", "weights", "listener_weights", "checkpoint", "boxes_checkpoint", "sam_checkpoint",
     "similarity_checkpoint", "folder", "verified", "index", "file", "splats", "source",
     "questions", "answers", "practice", "clap_checkpoint", "sam3_checkpoint", "grounding_dino_checkpoint",
-    "sam2_checkpoint",
+    "sam2_checkpoint", "calibrate_on",
 }  # fmt: skip
 
 
