@@ -298,10 +298,24 @@ def rms(clip: NDArray[np.floating]) -> NDArray[np.float64]:
     return np.asarray(np.sqrt(np.mean(np.square(np.asarray(clip, dtype=np.float64)), axis=-1)))
 
 
+class ClippedError(Avs3dError):
+    """A clip that reaches full scale.
+
+    Args:
+        where: which clip.
+        peak: the largest of its samples, of full scale.
+    """
+
+    def __init__(self, where: str, peak: float) -> None:
+        super().__init__(f"{where}: the clip reaches {peak:.2f} of full scale; lower the gain or move the source away")
+        self.peak = peak
+
+
 def check_clip(clip: NDArray[np.floating], where: str, *, silence: bool = False) -> None:
     """Refuse a clip that is not finite, clips, or, unless ``silence`` is allowed, is silent.
 
     Raises:
+        ClippedError: if it reaches full scale.
         Avs3dError: naming ``where``, what was found and what to do.
     """
     samples = np.asarray(clip)
@@ -309,6 +323,6 @@ def check_clip(clip: NDArray[np.floating], where: str, *, silence: bool = False)
         raise Avs3dError(f"{where}: the clip holds NaN or infinite samples; check the source and the impulse response")
     peak = float(np.abs(samples).max(initial=0.0))
     if peak >= 1.0:
-        raise Avs3dError(f"{where}: the clip reaches {peak:.2f} of full scale; lower the gain or move the source away")
+        raise ClippedError(where, peak)
     if peak == 0.0 and not silence:
         raise Avs3dError(f"{where}: the clip is silent; check the source and the line from it to the listener")

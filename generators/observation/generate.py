@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -23,7 +23,7 @@ from avs3d_bench.contract import layout
 from avs3d_bench.contract.schema import AudibleRecord, FrameRecord, ObservationRecord
 from avs3d_bench.contract.taxonomy import class_ids
 from avs3d_bench.errors import Avs3dError
-from generators.acoustics.clips import mono_clip
+from generators.acoustics.clips import ClippedError, mono_clip
 from generators.observation.hearing import HeardSource, hear_in_background, hear_sources
 from generators.observation.mixing import make_background, mix, other_backgrounds, stems_of
 from generators.observation.output import FolderOutput, ObservationOutput
@@ -39,6 +39,8 @@ Second = TypeVar("Second")
 
 #: Number of impulse responses from which an observation's reverberation time is measured.
 T30_RESPONSES = 8
+#: The sources of an observation are lowered by at most so many decibels (`generate_observation`).
+LOWERED_DB = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +67,7 @@ def generate_observation(
     cores: Callable[[], int] = lambda: 1,
     pictures: Path | None = None,
     output: Callable[[Path], ObservationOutput] = FolderOutput,
+    lowered_db: int | None = None,
 ) -> ObservationRecord:
     """Make one observation below ``root``; it gets its final name only when it is complete.
 
@@ -79,6 +82,8 @@ def generate_observation(
             rendered.
         output: makes the output of the files from the observation's final folder. Frames whose picture it does not
             keep are heard as far as others need them, and not rendered.
+        lowered_db: by how much all sources are lowered; None: by 0, and where several sources at a time then reach full
+            scale, the observation is made again with all of them lower, decibel by decibel (`LOWERED_DB`).
 
     Returns:
         The record that was written as observation.json.
@@ -87,31 +92,45 @@ def generate_observation(
         Avs3dError: one line: no place for an object, a room that does not exist, a missing or broken file, a full
             disk, …
     """
-    prepared = prepare_observation(plan, cache)
-    with ObservationWriter(output(root / plan.key), prepared.contents, **plan.optional_files) as writer:
-        seconds = _hear_and_render(prepared, writer, pictures, on_frame, CoreBudget(cores))
-        background, noise = make_background(plan, [second.stems for second in seconds])
-        stems = [stems_of(prepared, second.stems, noise, second.index) for second in seconds]
-        clips = [mix(prepared, list(named.values()), index) for index, named in enumerate(stems)]
-        clips += [np.zeros_like(clips[0])] * (len(prepared.arrangement.poses) - len(clips))
-        frames = [
-            _write_frame(prepared, writer, seconds[index], stems[index], clip)
-            if writer.keeps_frame(index)
-            # A frame that is not kept has a record only so that the others have their places.
-            else describe_frame(prepared, index, 0, clip, ())
-            for index, clip in enumerate(clips)
-        ]
-        for index, others in enumerate(other_backgrounds(plan, background, len(seconds))):
-            _add_background(prepared, writer, index, others)
-        for index in range(len(clips)):
-            if writer.keeps(layout.audio_path(layout.MONO, index)):
-                writer.add_mono(index, mono_clip(clips, index))
-        writer.add_sounding_mesh(*(placement.mesh for placement in prepared.sounding.values()))
-        top_view = prepared.stage.top_view(plan.spec.room)
-        if top_view is not None:
-            writer.add_top_view(top_view.rgb)
-        decays = [second.decay for second in seconds if second.decay is not None]
-        return writer.finish(describe_observation(prepared, frames, background, decays, top_view))
+    budget = CoreBudget(cores)
+    for decibels in range(LOWERED_DB + 1) if lowered_db is None else (lowered_db,):
+        prepared = replace(prepare_observation(plan, cache), lowered_db=decibels)
+        try:
+            with ObservationWriter(output(root / plan.key), prepared.contents, **plan.optional_files) as writer:
+                return _write(prepared, writer, _hear_and_render(prepared, writer, pictures, on_frame, budget))
+        except ClippedError:
+            if lowered_db is not None or len(prepared.sources) < 2 or decibels == LOWERED_DB:
+                raise
+    raise AssertionError("the last round returns or raises")
+
+
+def _write(
+    prepared: PreparedObservation, writer: ObservationWriter, seconds: Sequence[HeardSecond]
+) -> ObservationRecord:
+    """Write all that follows from what was heard in all seconds; the pictures and responses are written already."""
+    plan = prepared.plan
+    background, noise = make_background(plan, [second.stems for second in seconds])
+    stems = [stems_of(prepared, second.stems, noise, second.index) for second in seconds]
+    clips = [mix(prepared, list(named.values()), index) for index, named in enumerate(stems)]
+    clips += [np.zeros_like(clips[0])] * (len(prepared.arrangement.poses) - len(clips))
+    frames = [
+        _write_frame(prepared, writer, seconds[index], stems[index], clip)
+        if writer.keeps_frame(index)
+        # A frame that is not kept has a record only so that the others have their places.
+        else describe_frame(prepared, index, 0, clip, ())
+        for index, clip in enumerate(clips)
+    ]
+    for index, others in enumerate(other_backgrounds(plan, background, len(seconds))):
+        _add_background(prepared, writer, index, others)
+    for index in range(len(clips)):
+        if writer.keeps(layout.audio_path(layout.MONO, index)):
+            writer.add_mono(index, mono_clip(clips, index))
+    writer.add_sounding_mesh(*(placement.mesh for placement in prepared.sounding.values()))
+    top_view = prepared.stage.top_view(plan.spec.room)
+    if top_view is not None:
+        writer.add_top_view(top_view.rgb)
+    decays = [second.decay for second in seconds if second.decay is not None]
+    return writer.finish(describe_observation(prepared, frames, background, decays, top_view))
 
 
 class CoreBudget:

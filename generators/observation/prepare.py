@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from avs3d_bench.contract import layout
 from avs3d_bench.geometry import Intrinsics
 from generators.acoustics.base import AcousticBackend
@@ -35,6 +37,7 @@ class PreparedObservation:
         intrinsics: of the camera.
         renderer: makes the pictures.
         engine: the acoustic engine.
+        lowered_db: by how much all sources are lowered, so that several at a time do not reach full scale (dB).
     """
 
     plan: ObservationPlan
@@ -45,6 +48,12 @@ class PreparedObservation:
     intrinsics: Intrinsics
     renderer: VisionBackend
     engine: AcousticBackend
+    lowered_db: int = 0
+
+    @property
+    def lowered(self) -> float:
+        """The factor of `lowered_db`."""
+        return float(10 ** (-self.lowered_db / 20))
 
     @property
     def sounding(self) -> dict[int, Placement]:
@@ -75,7 +84,7 @@ class PreparedObservation:
                 seed=self.plan.acoustic_seed,
                 scene=scene,
                 room=source.room,
-                samples=source.samples,
+                samples=source.samples * np.float32(self.lowered),
                 poses=self.arrangement.poses,
                 path=source.poses,
                 directivity=source.directivity,

@@ -85,7 +85,7 @@ def describe_observation(
         intrinsics=IntrinsicsRecord.of(prepared.intrinsics),
         instances=describe_instances(prepared),
         sound=describe_signal(first) if first and not named else None,
-        acoustics=describe_acoustics(prepared.engine, plan.options.receivers, decays),
+        acoustics=describe_acoustics(prepared.engine, plan.options.receivers, decays, GAIN * prepared.lowered),
         vision=VisionRecord(backend=prepared.renderer.name, version=prepared.renderer.version),
         device=describe_device(plan),
         options=plan.options.further() or None,
@@ -192,7 +192,7 @@ def describe_device(plan: ObservationPlan) -> DeviceRecord | None:
 
 
 def describe_acoustics(
-    engine: AcousticBackend, receivers: Receivers, decays: list[NDArray[np.float32]]
+    engine: AcousticBackend, receivers: Receivers, decays: list[NDArray[np.float32]], gain: float
 ) -> AcousticsRecord:
     """The record of the acoustic simulation.
 
@@ -200,12 +200,13 @@ def describe_acoustics(
         engine: the acoustic engine.
         receivers: what heard it.
         decays: impulse responses (2, n) from which the reverberation time is read; none where nothing sounds.
+        gain: factor on all clips.
     """
     return AcousticsRecord(
         backend=engine.name,
         version=engine.version,
         sample_rate=layout.SAMPLE_RATE,
-        gain=GAIN,
+        gain=gain,
         settings=engine.describe(),
         t30=reverberation_time(decays, layout.SAMPLE_RATE) if decays else None,
         hrtf=describe_head(receivers),

@@ -7,6 +7,7 @@ the impulse responses are computed in order from the first frame.
 
 from __future__ import annotations
 
+import math
 import tempfile
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -22,6 +23,7 @@ from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import files
 from avs3d_bench.runtime.provenance import SOFTWARE
+from generators.acoustics.clips import GAIN
 from generators.acoustics.heads import FAMILIES
 from generators.acoustics.receivers import Receivers, choose_receivers
 from generators.backends import observation_provenance, vision_backend
@@ -235,7 +237,8 @@ def _compare(plan: ObservationPlan, observation: Observation, indices: tuple[int
     assert record is not None
     vision_backend(plan.options.renderer, plan.options.device).warm_up()
     made = ComparingOutput(observation.path, indices)
-    generate_observation(plan, observation.path.parent, default_cache(), output=lambda _: made)
+    lowered = round(20 * math.log10(GAIN / record.acoustics.gain))
+    generate_observation(plan, observation.path.parent, default_cache(), output=lambda _: made, lowered_db=lowered)
     again = made.record
     compared = [name for name in ObservationRecord.model_fields if name not in _OF_FRAMES]
     yield from _fields(observation.key, "", {name: getattr(again, name) for name in compared}, record)

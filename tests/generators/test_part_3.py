@@ -22,6 +22,7 @@ from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import UsageError
 from avs3d_bench.formats import media
 from avs3d_bench.validate import validate
+from generators.acoustics.clips import GAIN
 from generators.apartments.apartment import build_apartment
 from generators.cli import generate
 from generators.core.scene import Scene
@@ -484,3 +485,42 @@ def test_fewer_frames_cut_programmes_off(manifest: Path, tmp_path: Path) -> None
     assert record is not None
     assert (record.sources or ())[0].programme == ((2.0, 3.0),)
     assert media.read_json(tmp_path / "short/dataset.json")["schema_version"] == "1.1"
+
+
+def test_sources_that_reach_full_scale_together_are_lowered_as_one(tmp_path: Path) -> None:
+    """By whole decibels, which the record's gain tells; one source that is too loud by itself stays an error."""
+
+    def made(name: str, gain_db: float, *sources: int) -> Path:
+        entry: dict[str, Any] = {
+            "part": "part_3", "scan": "box", "room": "kitchen", "index": 1, "instances": {"microwave": 2},
+            "sources": [{"category": "microwave", "instance": one, "gain_db": gain_db} for one in sources],
+        }  # fmt: skip
+        (tmp_path / name).mkdir()
+        return write_manifest(tmp_path / name, observations=[entry])
+
+    def peak_and_clips(root: Path) -> tuple[float, list[Any]]:
+        clips = [frame.audio() for frame in Dataset(root)[FIRST].frames]
+        return max(float(np.abs(clip).max()) for clip in clips), clips
+
+    _run(made("quiet", 0.0, 1, 2), tmp_path / "quiet/tree", "--frames", "3", "--size", "64")
+    peak, quiet = peak_and_clips(tmp_path / "quiet/tree")
+    gain_db = round(20 * math.log10(1.2 / peak), 3)
+    loud_manifest = made("loud", gain_db, 1, 2)
+    _run(loud_manifest, tmp_path / "loud/tree", "--frames", "3", "--size", "64")
+    data = Dataset(tmp_path / "loud/tree")
+    record = data[FIRST].record
+    assert record is not None
+    assert record.acoustics.gain == pytest.approx(GAIN * 10 ** (-2 / 20))
+    found, loud = peak_and_clips(data.root)
+    assert found == pytest.approx(1.2 * 10 ** (-2 / 20), rel=1e-3)
+    for one, other in zip(loud, quiet, strict=True):
+        np.testing.assert_allclose(one, other * 10 ** ((gain_db - 2) / 20), atol=2e-6)
+    assert not validate(data.root, deep=True).problems
+    assert not list(regenerate(data.root, {FIRST: (1,)}, loud_manifest, lambda _: None))
+    alone = made("alone", gain_db + 12, 1)
+    outcome = CliRunner().invoke(
+        generate,
+        [str(alone), "-o", str(tmp_path / "alone/tree"), "--audio", "analytic", "--frames", "3", "--size", "64"],
+    )
+    assert outcome.exit_code == 1
+    assert "of full scale; lower the gain or move the source away" in outcome.output
