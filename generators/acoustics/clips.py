@@ -311,18 +311,18 @@ class ClippedError(Avs3dError):
         self.peak = peak
 
 
-def check_clip(clip: NDArray[np.floating], where: str, *, silence: bool = False) -> None:
-    """Refuse a clip that is not finite, clips, or, unless ``silence`` is allowed, is silent.
+def check_clip(clip: NDArray[np.floating], where: str, *, silence: bool = False, most: float = 1.0) -> None:
+    """Refuse a clip that is not finite, reaches ``most`` of full scale, or, unless ``silence`` is allowed, is silent.
 
     Raises:
-        ClippedError: if it reaches full scale.
+        ClippedError: if it reaches ``most``.
         Avs3dError: naming ``where``, what was found and what to do.
     """
     samples = np.asarray(clip)
     if not np.isfinite(samples).all():
         raise Avs3dError(f"{where}: the clip holds NaN or infinite samples; check the source and the impulse response")
     peak = float(np.abs(samples).max(initial=0.0))
-    if peak >= 1.0:
+    if peak >= most:
         raise ClippedError(where, peak)
     if peak == 0.0 and not silence:
         raise Avs3dError(f"{where}: the clip is silent; check the source and the line from it to the listener")
