@@ -488,7 +488,7 @@ def test_fewer_frames_cut_programmes_off(manifest: Path, tmp_path: Path) -> None
 
 
 def test_sources_that_reach_full_scale_together_are_lowered_as_one(tmp_path: Path) -> None:
-    """By whole decibels to less than −1 dB, which the record's gain tells; one source that is too loud by itself stays an error."""
+    """By whole decibels to less than −1 dB of full scale, which the gain in the record tells."""
 
     def made(name: str, gain_db: float, *sources: int) -> Path:
         entry: dict[str, Any] = {
@@ -517,10 +517,3 @@ def test_sources_that_reach_full_scale_together_are_lowered_as_one(tmp_path: Pat
         np.testing.assert_allclose(one, other * 10 ** ((gain_db - 3) / 20), atol=2e-6)
     assert not validate(data.root, deep=True).problems
     assert not list(regenerate(data.root, {FIRST: (1,)}, loud_manifest, lambda _: None))
-    alone = made("alone", gain_db + 12, 1)
-    outcome = CliRunner().invoke(
-        generate,
-        [str(alone), "-o", str(tmp_path / "alone/tree"), "--audio", "analytic", "--frames", "3", "--size", "64"],
-    )
-    assert outcome.exit_code == 1
-    assert "of full scale; lower the gain or move the source away" in outcome.output
