@@ -71,13 +71,13 @@ class Foundation:
         observation = frames[0].observation
         ids, together = categories_of(observation), not observation.is_part_3
         names = list(ids)
-        heard = heard_categories(self._posterior(observation.frames, names), together=together)
-        found = {name: self._instances(frames, name) for place, name in enumerate(names) if heard[:, place].any()}
+        events = heard_events(self._posterior(observation.frames, names), together=together)
+        wanted = sorted({member for members, _ in events for member in members})
+        found = self._instances(frames, [names[member] for member in wanted])
         camera = observation.intrinsics
         marked = [np.zeros((camera.height, camera.width), np.uint8) for _ in frames]
         place_of = {frame.name: place for place, frame in enumerate(observation.frames)}
-        for members in rivals(heard, together=together):
-            listened: NDArray[np.bool_] = np.any(heard[:, members], axis=1)
+        for members, listened in events:
             chosen = self._choose(frames, listened, [(m, found[names[m]]) for m in members])
             for number, category, mask in chosen:
                 if listened[place_of[frames[number].name]]:
@@ -99,12 +99,14 @@ class Foundation:
             out[loud, len(names)] = found[:, len(names) :].sum(axis=1)
         return out
 
-    def _instances(self, frames: Sequence[Frame], name: str) -> list[TextMasks]:
-        """The instances of a category in each frame."""
-        found = []
-        for frame in frames:
+    def _instances(self, frames: Sequence[Frame], names: Sequence[str]) -> dict[str, list[TextMasks]]:
+        """The instances of each category in each frame; a picture is looked at once for all of them."""
+        found: dict[str, list[TextMasks]] = {name: [] for name in names}
+        for frame in frames if names else ():
             with inference(self.device, _where(frame)):
-                found += self.segmenter.segment(frame.rgb(), [words(name)])
+                answers = self.segmenter.segment(frame.rgb(), [words(name) for name in names])
+            for name, answer in zip(names, answers, strict=True):
+                found[name].append(answer)
         return found
 
     def _choose(
@@ -157,8 +159,8 @@ def words(category: str) -> str:
     return category.replace("_", " ")
 
 
-def heard_categories(posterior: Array, *, together: bool) -> NDArray[np.bool_]:
-    """(frames, categories) which categories may be what sounds in each frame.
+def heard_events(posterior: Array, *, together: bool) -> list[tuple[list[int], NDArray[np.bool_]]]:
+    """What is heard: (categories that compete to be its object, (frames,) in which frames it is heard).
 
     Args:
         posterior: (frames, categories + 1), the last column is for sounds of none of them; rows of zeros are silent.
@@ -166,25 +168,20 @@ def heard_categories(posterior: Array, *, together: bool) -> NDArray[np.bool_]:
             sum of their log probabilities.
 
     Returns:
-        True for the category that wins, or that has a share of at least `HEARD` (part_3); for all of them where the
-        last column wins: something sounds that has no name, and the direction must decide.
+        One event of the category that wins (part_1, part_2), or one for each category that has a share of at least
+        `HEARD` in some frame (part_3). Where the last column wins, something sounds that has no name: in one event of
+        these frames all categories compete, and the direction decides.
     """
     loud = posterior.any(axis=1)
     categories = posterior.shape[1] - 1
-    out = np.zeros((len(posterior), categories), np.bool_)
-    if together and loud.any():
+    if together:
+        if not loud.any():
+            return []
         winner = int(np.log(np.maximum(posterior[loud], 1e-9)).sum(axis=0).argmax())
-        out[loud] = (np.arange(categories) == winner) | (winner == categories)
-    elif not together:
-        out = posterior[:, :-1] >= HEARD
-        out[loud & (posterior.argmax(axis=1) == categories)] = True
-    return out
-
-
-def rivals(heard: NDArray[np.bool_], *, together: bool) -> list[list[int]]:
-    """Categories whose tracks compete: all that are heard where one object sounds, else each by itself."""
-    some = [int(k) for k in np.flatnonzero(heard.any(axis=0))]
-    return ([some] if some else []) if together else [[k] for k in some]
+        return [(list(range(categories)) if winner == categories else [winner], loud)]
+    named = [([k], posterior[:, k] >= HEARD) for k in range(categories)]
+    nameless = (list(range(categories)), loud & (posterior.argmax(axis=1) == categories))
+    return [event for event in (*named, nameless) if event[1].any()]
 
 
 def _where(frame: Frame) -> str:
