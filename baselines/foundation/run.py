@@ -172,7 +172,7 @@ def heard_events(posterior: Array, *, together: bool) -> list[tuple[list[int], N
         `HEARD` in some frame (part_3). Where the last column wins, something sounds that has no name: in one event of
         these frames all categories compete, and the direction decides.
     """
-    loud = posterior.any(axis=1)
+    loud: NDArray[np.bool_] = np.any(posterior, axis=1)
     categories = posterior.shape[1] - 1
     if together:
         if not loud.any():
