@@ -17,10 +17,10 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import media
 from avs3d_bench.geometry import Intrinsics, Pose
 from baselines.cli import baseline
-from baselines.echosegnet.binaural import lateral_angle, woodworth_itd
 from baselines.foundation.protocols import TextMasks
 from baselines.foundation.tracks import ALONE, Sighting, join, sighting
 from tests.support import tiny
+from tests.support.delays import delayed
 from tests.support.shared import SharedDataset
 from tests.support.tiny_scenes import BOTH, FIRST, SILENT
 
@@ -168,15 +168,6 @@ def with_truth(root: Path, key: str, **how: Any) -> tuple[tuple[Frame, ...], run
     frames = Dataset(root)[key].test
     knows = Knows(frames, **how)
     return frames, run.Foundation(knows, knows, CPU), knows
-
-
-def delayed(place: np.ndarray[Any, Any], frame: Frame) -> np.ndarray[Any, Any]:
-    """A second of noise (2, n) from ``place`` as a sphere hears it from a frame's pose: delay and distance."""
-    here = frame.pose.to_camera(place)
-    spectrum = np.fft.rfft(np.random.default_rng(int(frame.index)).standard_normal(44_100))
-    turn = -2j * np.pi * np.fft.rfftfreq(44_100, 1 / 44_100) * woodworth_itd(lateral_angle(here))
-    both = np.stack([np.fft.irfft(spectrum * np.exp(turn)), np.fft.irfft(spectrum)]) / np.linalg.norm(here)
-    return both.astype(np.float32)
 
 
 @pytest.mark.parametrize(("sounding", "nameless"), [(1, False), (3, False), (3, True)])
