@@ -34,7 +34,7 @@ Segmenter = Literal["sam3", "grounded-sam2"]
 
 #: How a category becomes a sentence (Wu et al. 2023, §4.2).
 SENTENCE = "This is a sound of {}."
-#: Sounds of none of the categories, which compete with them; what wins here has no name among the prompts.
+#: Silence and sounds of none of the categories, which compete with them.
 OTHER_SOUNDS = (
     "silence", "speech", "music", "a fan", "a dishwasher", "a kettle", "a dog", "traffic", "wind", "footsteps", "noise",
 )  # fmt: skip
@@ -168,9 +168,9 @@ def heard_events(posterior: Array, *, together: bool) -> list[tuple[list[int], N
             sum of their log probabilities.
 
     Returns:
-        One event of the category that wins (part_1, part_2), or one for each category that has a share of at least
-        `HEARD` in some frame (part_3). Where the last column wins, something sounds that has no name: in one event of
-        these frames all categories compete, and the direction decides.
+        One event of the category that wins (part_1, part_2); of all categories if the last column wins: it has no name,
+        but an object sounds, and the direction decides which. Or one event for each category that has a share of at
+        least `HEARD` in some frame (part_3, where silence and sounds of no class are no objects).
     """
     loud: NDArray[np.bool_] = np.any(posterior, axis=1)
     categories = posterior.shape[1] - 1
@@ -179,9 +179,7 @@ def heard_events(posterior: Array, *, together: bool) -> list[tuple[list[int], N
             return []
         winner = int(np.log(np.maximum(posterior[loud], 1e-9)).sum(axis=0).argmax())
         return [(list(range(categories)) if winner == categories else [winner], loud)]
-    named = [([k], posterior[:, k] >= HEARD) for k in range(categories)]
-    nameless = (list(range(categories)), loud & (posterior.argmax(axis=1) == categories))
-    return [event for event in (*named, nameless) if event[1].any()]
+    return [([k], posterior[:, k] >= HEARD) for k in range(categories) if (posterior[:, k] >= HEARD).any()]
 
 
 def _where(frame: Frame) -> str:
