@@ -23,6 +23,7 @@ from baselines.foundation.tracks import ObjectTrack, join, sighting
 from baselines.networks.checkpoints import CHECKPOINTS, find_checkpoint, require_packages
 from baselines.networks.device import enough_memory, inference, pick_device
 from baselines.networks.sound import check_clip
+from baselines.sound_control import sounds_of
 
 if TYPE_CHECKING:
     import torch
@@ -129,7 +130,7 @@ class Foundation:
             points = np.stack([track.point for _, _, track in tracks])
             rotation = np.stack([frame.pose.rotation_matrix for frame in ears])
             position = np.array([frame.pose.position for frame in ears])
-            cues = binaural.observe(np.stack([frame.audio() for frame in ears]))
+            cues = binaural.observe(sounds_of(ears))
             best = spatial.judge(points, np.arange(len(points)), rotation, position, cues).best
         category, masks, track = tracks[best]
         return [(one.frame, category, masks[one.frame].masks[one.index]) for one in track.sightings]

@@ -207,6 +207,13 @@ def test_a_sound_without_a_name_is_placed_by_the_ears_alone(shared_dataset: Shar
     assert all((np.asarray(one.mask) == mask).all() for one, mask in zip(found, truth, strict=True))
 
 
+def test_clips_of_several_lengths_are_one_line(scenes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    frames, model, _ = with_truth(scenes, FIRST)
+    monkeypatch.setattr(Frame, "audio", lambda frame: np.ones((2, 44_100 - frame.index), np.float32))
+    with pytest.raises(Avs3dError, match=r"frame_\d+: a clip of shape \(2, \d+\), expected \(2, \d+\), two ears"):
+        model(frames)
+
+
 def test_networks_that_give_no_probabilities_are_one_line(scenes: Path) -> None:
     frames, model, knows = with_truth(scenes, BOTH)
     knows.posterior = lambda clips, rate, texts: np.full((len(clips), len(texts)), np.nan)  # type: ignore[method-assign]
