@@ -90,12 +90,12 @@ def near_names(value: object, known: Iterable[str], count: int = 1) -> list[str]
     if not isinstance(value, str) or not 0 < len(value) < _LONGEST_NAME:
         return []
     names = list(known)
-    found = get_close_matches(value, names, n=count)
+    # What begins alike is an abbreviation, even where a shorter name differs in fewer letters.
+    found = [name for name in names if name.startswith(value)] if len(value) > 1 else []
+    found = found or get_close_matches(value, names, n=count)
     found = found or [name for name in names if f"/{value.strip('/')}/" in f"/{name}/"]
     if not found and len(value) > 1:
-        found = [name for name in names if name.startswith(value)] or [
-            name for name in names if _stands_for(value, name)
-        ]
+        found = [name for name in names if _stands_for(value, name)]
     return found[:count]
 
 

@@ -9,9 +9,8 @@ What a sound is called takes no part: the row shows what two ears and a walk say
 3. The likelihood of what both ears heard along the walk chooses among the candidates (`echosegnet.spatial`).
 4. In a test frame, those marked components are kept that the chosen voxels are seen in.
 
-In part_3 sources come and go, so that each test frame is judged by its own second: the component over whose lateral
-angles the mean of the onsets' votes (`listener.direction`) is largest, if one of these has nearly as many as the best
-angle of all.
+In part_3 sources come and go, so that each test frame is judged by its own second: the component whose lateral angle
+has most votes of the onsets (`listener.direction`), if it has nearly as many as the best angle of all.
 """
 
 from __future__ import annotations
@@ -44,7 +43,7 @@ VOXEL, REACH, ABOVE, BELOW = 0.1, 4.0, 1.2, 1.7
 LEAST_VIEWS, AGREED = 3, 0.45
 #: Probability above which a pixel is an object of a category.
 OBJECT = 0.4
-#: In part_3, votes of a component's best angle re those of the best angle of all.
+#: In part_3, votes of a component re those of the best angle.
 NEARLY = 0.8
 
 
@@ -130,8 +129,7 @@ class DirectionMethod:
         at = np.interp(angles, direction.angle_grid().numpy(), votes)
         mean = np.array([at[number == each].mean() for each in range(1, count)])
         best = int(mean.argmax())
-        # By its best pixel: the mean over a wide object is far below the peak, even if the source is in its middle.
-        if at[number == 1 + best].max() < NEARLY * votes.max():
+        if mean[best] < NEARLY * votes.max():
             return Prediction(empty, np.zeros_like(empty, np.uint8))
         kept = np.where(number == 1 + best, objects, 1e-6).astype(np.float32)
         mask = replace(self.model, threshold=OBJECT).mask(replace(answer, mask=log_odds(kept)), picture)

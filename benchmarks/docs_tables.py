@@ -30,6 +30,7 @@ from benchmarks import (
     home_coverage,
     leaderboard_page,
     listener_page,
+    listener_seeds,
     receivers,
     separability,
     sound_rows,
@@ -166,11 +167,24 @@ class Results:
         rows = sound_rows.sounds_table(self.json("listener-sounds")["sounds"])
         return text(["what the sources play", "part_1", "part_2"], rows)
 
+    def seeds(self) -> dict[str, Any]:
+        """Figures of the listener's runs, by the names in `listener_seeds.RUNS`."""
+        return {run: self.json("-".join(["listener-seeds", *filter(None, [run])])) for run in listener_seeds.RUNS}
+
+    def seeds_strict(self) -> str:
+        """Strict IoU of the listener's training seeds."""
+        head = ["sounds, heads", "answer", "part", *listener_seeds.RUNS.values()]
+        return text(head, listener_seeds.strict_rows(self.seeds()))
+
+    def seeds_listen(self) -> str:
+        """Figures of the listener's training seeds under ``listen``."""
+        return text(["figure", "answer", *listener_seeds.RUNS.values()], listener_seeds.listen_rows(self.seeds()))
+
     def sound_controls(self) -> str:
         """The listener with another sound in place of its own."""
-        rows = sound_rows.controls_table(self.json("listener-sounds")["controls"])
-        listen = [f"{version}, {which}" for version in sound_rows.LISTEN_VERSIONS for which in ("twins", "all pairs")]
-        return text(["`--sound`", "part_1", "part_2", *listen], rows)
+        tests = [f"{title}, {part}" for title in listener_seeds.TESTS.values() for part in ("part_1", "part_2")]
+        head = ["`--sound`", *tests, *(f"listen, {name}" for name in ("twins", "all pairs", "IoU"))]
+        return text(head, listener_seeds.control_rows(self.json("listener-seeds")))
 
     def echosegnet_sounds(self) -> str:
         """EchoSegnet with another sound in place of its own, part_2."""
@@ -407,7 +421,10 @@ def blocks(docs: Path) -> dict[str, list[tuple[str, Callable[[], str]]]]:
             ("results", lambda: summary(own.folder)), ("training", own.training), ("caps", own.caps),
             ("methods", own.methods),
         ],
-        "docs/listener.md": [("sounds", own.listener_sounds), ("controls", own.sound_controls)],
+        "docs/listener.md": [
+            ("strict", own.seeds_strict), ("listen", own.seeds_listen), ("controls", own.sound_controls),
+            ("sounds", own.listener_sounds),
+        ],
         "docs/scans.md": [("scans", own.scans)],
         "docs/sounds.md": [("separability", own.separability), ("confusions", own.confusions)],
         "docs/results-choice.md": [

@@ -15,6 +15,9 @@ GPUS ?= 1
 TRAIN ?= scenes_manifest/train.yaml
 # Which part of it, and other options of `avs3d generate` for it.
 TRAIN_OPTIONS ?=
+# Homes and voices for validation, by which thresholds and temperatures are chosen, and other options of `generate` for it.
+TUNE ?= scenes_manifest/listen-tune.yaml
+TUNE_OPTIONS ?= --size 252 --frames 12
 EPOCHS ?= 30
 # Of the training, before these: they learn what is seen, without sound.
 PICTURE_STEPS ?= 1300
@@ -50,9 +53,14 @@ $(LISTENER)/train-data.done:
 	  --workers $(WORKERS) $(TRAIN_OPTIONS) || { [ $$? -eq 1 ] && [ -f $(SHARDS)/shards.json ]; })
 	@touch $@
 
-$(WEIGHTS): $(LISTENER)/train-data.done
+$(LISTENER)/tune-data.done: | $(LISTENER)/train-data.done
+	$(call timed,tune-data,$(AVS3D) generate $(TUNE) -o $(LISTENER)/tune --format webdataset --audio tracer --device $(DEVICE) \
+	  --workers $(WORKERS) $(TUNE_OPTIONS))
+	@touch $@
+
+$(WEIGHTS): $(LISTENER)/train-data.done $(LISTENER)/tune-data.done
 	$(call timed,train,$(PYTHON) -m benchmarks.listener_training --data $(SHARDS) -o $(RUN) --epochs $(EPOCHS) \
-	  --picture-steps $(PICTURE_STEPS) --minutes $(MINUTES) --manifest $(TRAIN) $(if $(filter 0,$(GPUS)),--accelerator cpu,--devices $(GPUS)) \
+	  --picture-steps $(PICTURE_STEPS) --minutes $(MINUTES) --manifest $(TRAIN) --calibrate-on $(LISTENER)/tune $(if $(filter 0,$(GPUS)),--accelerator cpu,--devices $(GPUS)) \
 	  $(TRAIN_LISTENER_OPTIONS) && [ -f $@ ])
 
 # After the training data: both use all cores.

@@ -2,11 +2,15 @@
 
 Each folder has the files of `benchmarks.listener_tables` for one seed. Of each row and dataset, the file has strict
 IoU of each part and category, and under ``listen`` the pair accuracy by kind of pair: the mean over the seeds, the
-smallest and the largest, and the interval over homes of the first seed. `--table` prints them as a table.
+value of each, and the interval over homes of the first seed. `--table` prints them as a table.
+
+docs/results/listener-seeds.json is of the three seeds; -package, -plain and -old of one folder each: the seed whose
+weights are the package's, seed 0 without the random changes of version 3, and the package's weights before.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from statistics import fmean
 from typing import Any
@@ -18,11 +22,18 @@ from avs3d_bench.formats.files import write_json
 from avs3d_bench.formats.media import read_record
 from benchmarks.listener_summary import share
 from benchmarks.listener_tables import ROWS, RUN_JSON
-from benchmarks.sound_rows import row_of
+from benchmarks.sound_rows import LISTEN_FIGURES, row_of
+
+#: Datasets of strict IoU in the docs: its name in files of scores → what differs.
+TESTS = {"open-s34-o7": "test voices", "open-s34-o7-excerpts": "recordings", "open-s34-o7-heads": "other heads"}
+#: Rows that need no other sound.
+ANSWERS = {"2d": "network", "direction": "direction"}
+#: What runs are called in the docs: name in files (empty: the three seeds) → title.
+RUNS = {"old": "former weights", "package": "package", "": "three seeds", "plain": "without new changes"}
 
 
 def figures_of(folders: tuple[Path, ...]) -> dict[str, dict[str, Any]]:
-    """``DATASET-ROW`` → group → metric → {"mean", "least", "most", "interval", "seeds"}; rows of the first folder."""
+    """``DATASET-ROW`` → group → metric → {"mean", "values", "interval"}; rows of the first folder."""
     found: dict[str, dict[str, Any]] = {}
     for path in sorted(folders[0].glob("listener-*.json")):
         if path.name == RUN_JSON:
@@ -39,8 +50,7 @@ def figures_of(folders: tuple[Path, ...]) -> dict[str, dict[str, Any]]:
 def _over(each: list[dict[str, Any]]) -> dict[str, Any]:
     values = [figure["value"] for figure in each]
     return {
-        "mean": round(fmean(values), 4), "least": min(values), "most": max(values), "interval": each[0]["interval"],
-        "seeds": len(values),
+        "mean": round(fmean(values), 9), "values": values, "interval": each[0]["interval"],
     }  # fmt: skip
 
 
@@ -50,13 +60,61 @@ def table(found: dict[str, dict[str, Any]]) -> list[list[str]]:
     for name, groups in found.items():
         row = next((known for known in sorted(ROWS, key=len, reverse=True) if name.endswith(f"-{known}")), name)
         cells = [
-            f"{part} {metric} {share(figure['mean'])} ({share(figure['least'])}–{share(figure['most'])})"
+            f"{part} {metric} {cell(figure)}"
             for part, metrics in groups.items()
             if part.startswith("part_")
             for metric, figure in metrics.items()
         ]
         lines.append([name.removesuffix(f"-{row}"), row, "; ".join(cells)])
     return lines
+
+
+def strict_rows(runs: Mapping[str, Any]) -> list[list[str]]:
+    """Rows of strict IoU for the docs: what sounds, the answer, the part, and a cell for each of `RUNS`.
+
+    Args:
+        runs: name in `RUNS` → what `figures_of` found.
+    """
+    return [
+        [title, answer, part, *(cell(runs[run][f"{dataset}-{row}"][part]["strict_IoU"]) for run in RUNS)]
+        for dataset, title in TESTS.items()
+        for row, answer in ANSWERS.items()
+        for part in ("part_1", "part_2")
+    ]
+
+
+def listen_rows(runs: Mapping[str, Any]) -> list[list[str]]:
+    """Rows of ``listen`` for the docs: the figure, the answer, and a cell for each of `RUNS`; see `strict_rows`."""
+    return [
+        [metric, answer, *(cell(runs[run][f"listen-{row}"]["part_3"][metric]) for run in RUNS)]
+        for metric in LISTEN_FIGURES
+        for row, answer in ANSWERS.items()
+    ]
+
+
+def control_rows(found: Mapping[str, Any]) -> list[list[str]]:
+    """Rows of `--sound`, of the first seed: strict IoU of each of `TESTS` and part; twins, all pairs, IoU of listen."""
+
+    def first(name: str, part: str, metric: str) -> str:
+        return share(found[name][part][metric]["values"][0])
+
+    return [
+        [
+            "own" if row.name == "2d" else row.setting,
+            *(first(f"{data}-{row.name}", part, "strict_IoU") for data in TESTS for part in ("part_1", "part_2")),
+            *(first(f"listen-{row.name}", "part_3", metric) for metric in ("twins", "pair_accuracy", "IoU")),
+        ]
+        for row in ROWS.values()
+        if row.kind == "listener" and row.name != "direction"
+    ]
+
+
+def cell(figure: Mapping[str, Any]) -> str:
+    """``.336 (.286–.405)``, the range over seeds; of one seed ``.316 [.20–.46]``, its interval over homes, if any."""
+    if len(figure["values"]) > 1:
+        return f"{share(figure['mean'])} ({share(min(figure['values']))}–{share(max(figure['values']))})"
+    bounds = figure["interval"]
+    return share(figure["mean"]) + (f" [{share(bounds[0], 2)}–{share(bounds[1], 2)}]" if bounds else "")
 
 
 @click.command()

@@ -18,9 +18,8 @@ from avs3d_bench.formats.files import write_json
 from avs3d_bench.formats.media import read_record
 from benchmarks.listener_summary import share
 
-#: Names of the rows of part_3 in the table of controls: the dataset and its version.
-LISTEN_VERSIONS = ("listen 3.0.0", "listen 4.0.0")
-_LISTEN = ("pair_accuracy", *PAIR_KINDS, "IoU", "FP_rate")
+#: Figures of ``listen`` that are kept.
+LISTEN_FIGURES = ("pair_accuracy", *PAIR_KINDS, "IoU", "FP_rate")
 
 
 def row_of(scores: Scores) -> dict[str, Any]:
@@ -36,7 +35,7 @@ def row_of(scores: Scores) -> dict[str, Any]:
 
 def _figures(group: GroupScores) -> dict[str, Any]:
     found = {}
-    for summary, names in ((group.strict, ("IoU",)), (group.listen, _LISTEN)):
+    for summary, names in ((group.strict, ("IoU",)), (group.listen, LISTEN_FIGURES)):
         if summary is None:
             continue
         for name in names:
@@ -51,22 +50,6 @@ def sounds_table(rows: Mapping[str, Any]) -> list[list[str]]:
     return [
         [title, *(with_interval(rows[title][part]["strict_IoU"]) for part in ("part_1", "part_2"))] for title in rows
     ]
-
-
-def controls_table(rows: Mapping[str, Any]) -> list[list[str]]:
-    """Rows of the controls: strict IoU of both parts; under ``listen`` twins and all pairs of each version."""
-    return [
-        [
-            title,
-            *(share(row["open"][part]["strict_IoU"]["value"]) for part in ("part_1", "part_2")),
-            *(share(_listening(row, of, name)) for of in LISTEN_VERSIONS for name in ("twins", "pair_accuracy")),
-        ]
-        for title, row in rows.items()
-    ]
-
-
-def _listening(row: Mapping[str, Any], version: str, name: str) -> float | None:
-    return row[version]["part_3"][name]["value"] if version in row else None
 
 
 def with_interval(figure: Mapping[str, Any]) -> str:

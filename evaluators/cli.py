@@ -279,7 +279,10 @@ def verify(
 @click.option("--json", "json_file", type=OutputFile(BOARD), metavar="FILE",
               help="Write the tables to this file as well.")  # fmt: skip
 def leaderboard(scores: tuple[Path, ...], folder: Path, verified: tuple[Path, ...], json_file: Path | None) -> None:
-    """Rank any number of files of scores (avs3d-eval --json) on one static page, with links to their reports."""
+    """Rank any number of files of scores (avs3d-eval --json) on one static page, with links to their reports.
+
+    Scores of questions (avs3d qa-score --json) are shown in a table of their own.
+    """
     from evaluators.reporting.leaderboard import write_leaderboard
 
     for note in write_leaderboard(folder, scores, verified, json_file):

@@ -213,10 +213,10 @@ def _arrays(folder: Path, space: AcousticSpace) -> Iterator[tuple[int, NDArray[n
                     for info in archive:
                         data = archive.extractfile(info)
                         if info.name.endswith(".npy") and data is not None:
-                            yield (
-                                int(info.name.removesuffix(".npy")),
-                                np.load(io.BytesIO(data.read()), allow_pickle=False),
-                            )
+                            number = int(info.name.removesuffix(".npy"))
+                            if not 0 <= number < expected:
+                                raise ValueError(f"response {number} of {expected:,}")
+                            yield number, np.load(io.BytesIO(data.read()), allow_pickle=False)
                             found += 1
             except (tarfile.TarError, ValueError) as error:
                 raise Avs3dError(f"{folder / name}: cannot be read as a shard ({error}); export again") from None

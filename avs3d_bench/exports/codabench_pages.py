@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -147,7 +148,7 @@ def kit_readme(facts: CompetitionFacts) -> str:
 {facts.install}
 ```
 
-The network of the notebook needs PyTorch as well: {_extra(facts.install)}
+The network of the notebook needs PyTorch as well: {with_baselines(facts.install)}
 
 {practice}- `listener.ipynb`: a baseline that looks and listens,{scored} run on the test, checked, and packed as a
   submission
@@ -164,10 +165,19 @@ cd my-submission && zip -r ../my-submission.zip .
 """
 
 
-def _extra(install: str) -> str:
-    """The command that installs the baselines, too."""
-    if "avs3d-bench" in install:
-        return f"`{install.replace('avs3d-bench', 'avs3d-bench[baselines]', 1)}`"
+def with_baselines(install: str) -> str:
+    """What installs the baselines, too, as Markdown: the command with the extra, if it names the requirement.
+
+    Examples:
+        >>> with_baselines("pip install avs3d-bench==0.1.0")
+        '`pip install avs3d-bench[baselines]==0.1.0`'
+        >>> with_baselines("pip install git+https://example.org/avs3d-bench@v0.1.0")
+        'install the extra `[baselines]`.'
+    """
+    # The name of the requirement, not a part of its address.
+    named, count = re.subn(r"(?<![\w/.-])avs3d-bench(?![\w.\[-])", "avs3d-bench[baselines]", install, count=1)
+    if count:
+        return f"`{named}`"
     return "install the extra `[baselines]`."
 
 

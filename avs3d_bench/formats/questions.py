@@ -37,7 +37,17 @@ def read_questions(folder: str | Path) -> tuple[QuestionLine, ...]:
         UsageError: if the folder holds none.
         Avs3dError: if a line is damaged; the line and the first wrong field are named.
     """
+    path = questions_file(folder)
+    return parse_questions(read_bytes(path), path)
+
+
+def questions_file(folder: str | Path) -> Path:
+    """The file of lines in a folder that `avs3d export qa` wrote.
+
+    Raises:
+        UsageError: if there is none.
+    """
     path = Path(folder) / QUESTIONS_JSONL
     if not path.is_file():
         raise UsageError(f"{folder}: no {QUESTIONS_JSONL}; expected a folder that `avs3d export qa` wrote")
-    return parse_questions(read_bytes(path), path)
+    return path

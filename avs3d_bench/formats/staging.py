@@ -7,14 +7,15 @@ remains, and restores the old folder if the exchange was interrupted.
 
 from __future__ import annotations
 
+import fnmatch
 import os
 import shutil
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from avs3d_bench.errors import Avs3dError
+from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats.files import os_error_line
 from avs3d_bench.runtime.file_lock import open_locked
 
@@ -61,6 +62,23 @@ def _one_line(path: str | Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise Avs3dError(os_error_line(error, path, "write")) from error
+
+
+def refuse_strange(folder: Path, own: Iterable[str]) -> None:
+    """Refuse to replace a folder with a file in it that its command has not written.
+
+    Args:
+        folder: is there.
+        own: shell patterns of the paths of its files, relative to it.
+
+    Raises:
+        UsageError: naming the first such file.
+    """
+    patterns = tuple(own)
+    for path in sorted(path for path in folder.rglob("*") if path.is_symlink() or not path.is_dir()):
+        name = path.relative_to(folder).as_posix()
+        if not any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns):
+            raise UsageError(f"{path}: no file that this command writes; move it away, or choose another folder")
 
 
 def _put_back(previous: Path, final: Path) -> None:

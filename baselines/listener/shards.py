@@ -24,6 +24,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from avs3d_bench.commands.outputs import Signature, check_replaceable
 from avs3d_bench.contract import layout
 from avs3d_bench.contract.schema import AUDIBLE_LEVEL_DB
 from avs3d_bench.contract.taxonomy import CATEGORIES
@@ -39,6 +40,8 @@ SIDE = 252
 #: Changes when the stored arrays do: folders of other versions are written again.
 VERSION = 2
 TABLE = "table.json"
+#: How a table begins, which may be replaced: its fields are sorted.
+_TABLE_SIGNATURE = Signature(start=b'{\n "audible": ')
 _REQUIRED = {
     "json": "facts",
     "rgb.png": "picture",
@@ -297,6 +300,7 @@ def refuse_others(folder: Path) -> None:
     foreign = sorted(path.name for path in folder.iterdir() if path.name not in own)
     if foreign:
         raise UsageError(f"{folder}: holds {foreign[0]}, which is no part of stored frames; move it away")
+    check_replaceable(folder / TABLE, (_TABLE_SIGNATURE,))
 
 
 def open_store(folder: str | Path, digest: str | None = None) -> ShardStore | None:

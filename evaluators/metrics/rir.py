@@ -9,9 +9,11 @@
 
 Decays are Schroeder's backward integration (1965) over all frequencies; every channel counts as a response of its own.
 T60 in percent, EDT in seconds and C50 in decibels are the columns of INRAS (Su, Chen and Shlizerman 2022), AV-NeRF
-(Liang et al. 2023), the benchmark of Real Acoustic Fields (Chen et al. 2024) and AVR (Lan et al. 2024), with T60 from
-the decay of −5 to −25 dB. Their released code begins EDT and C50 with the first sample of the file, so that the way of
-the direct sound counts, and reads EDT off the sample that is nearest to −10 dB: ``from_start=True`` does the former.
+(Liang et al. 2023), the benchmark of Real Acoustic Fields (Chen et al. 2024) and AVR (Lan et al. 2024). Released code
+differs in the decay that is called T60: a line through −5 to −25 dB in AVR, as here; −5 to −35 dB in NeRAF (Brunetto et
+al. 2025) on SoundSpaces, which is `T30` here, and −5 to −15 dB above 200 Hz on Real Acoustic Fields. AVR begins EDT and
+C50 with the first sample of the file, so that the way of the direct sound counts, and reads EDT off the sample that is
+nearest to −10 dB: ``from_start=True`` does the former.
 
     >>> import numpy as np
     >>> time = np.arange(16_000) / 16_000

@@ -7,16 +7,15 @@ from pathlib import Path
 from avs3d_bench import __version__
 from avs3d_bench.contract.questions import (
     QA_JSON,
-    QUESTIONS_JSONL,
     AnswerLine,
     QaScores,
     QuestionSource,
     QuestionsRecord,
 )
 from avs3d_bench.contract.schema.base import parse_record
-from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.files import read_bytes, read_record, sha256_bytes
-from avs3d_bench.formats.questions import parse_questions
+from avs3d_bench.formats.questions import parse_questions, questions_file
 from avs3d_bench.runtime.imports import needing
 from evaluators.questions.score import score_answers
 
@@ -36,14 +35,12 @@ def score_file(path: str | Path, questions: str | Path, method: str | None = Non
         UsageError: if the folder holds no questions.
         Avs3dError: if a line is damaged, answers are missing or do not belong to these questions.
     """
-    folder = Path(questions)
-    if not (folder / QUESTIONS_JSONL).is_file():
-        raise UsageError(f"{folder}: no {QUESTIONS_JSONL}; expected a folder that `avs3d export qa` wrote")
-    text = read_bytes(folder / QUESTIONS_JSONL)
-    record = read_record(folder / QA_JSON, QuestionsRecord)
+    file = questions_file(questions)
+    text = read_bytes(file)
+    record = read_record(file.with_name(QA_JSON), QuestionsRecord)
     if sha256_bytes(text) != record.questions_sha256:
-        raise Avs3dError(f"{folder / QUESTIONS_JSONL}: not what {QA_JSON} names; export the questions again")
-    lines = parse_questions(text, folder / QUESTIONS_JSONL)
+        raise Avs3dError(f"{file}: not what {QA_JSON} names; export the questions again")
+    lines = parse_questions(text, file)
     name, answers = read_answers(Path(path))
     try:
         overall, kinds = score_answers(lines, answers)
@@ -83,7 +80,9 @@ def _from_log(path: Path) -> tuple[str, dict[str, str]]:
     try:
         log = read_eval_log(str(path))
     except Exception as error:  # whatever its readers raise
-        raise Avs3dError(f"{path}: no log of inspect eval ({type(error).__name__}); expected a .eval file") from None
+        raise Avs3dError(
+            f"{path}: no log of inspect eval ({type(error).__name__}); expected one, or JSON lines in a .jsonl file"
+        ) from None
     if log.status != "success":
         raise Avs3dError(f"{path}: the evaluation ended with {log.status}; expected success: see `inspect eval-retry`")
     steps = [step.solver for step in log.plan.steps] if log.plan else []

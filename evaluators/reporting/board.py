@@ -7,12 +7,13 @@ paired differences separates share a place.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
 from avs3d_bench.contract.schema import Record, Sha256, Text
 from evaluators.reporting.pages import figure
+from evaluators.reporting.question_tables import QuestionTable
 from evaluators.reporting.ranking import RankingRow, RankingTable, RankingView, ScoresEntry, leaderboard_values
 
 
@@ -61,12 +62,15 @@ class BoardTable(Record):
 class Board(Record):
     """The file."""
 
+    left_out: ClassVar[frozenset[str]] = frozenset({"questions"})
+
     avs3d_leaderboard: Literal["1.0"] = "1.0"
     entries: tuple[BoardEntry, ...]
     tables: tuple[BoardTable, ...]
+    questions: tuple[QuestionTable, ...] | None = Field(default=None, description="absent if there are none")
 
 
-def board_of(entries: Sequence[ScoresEntry]) -> Board:
+def board_of(entries: Sequence[ScoresEntry], questions: Sequence[QuestionTable] = ()) -> Board:
     """The leaderboard of some files of scores; their order makes no difference."""
     ordered = sorted(entries, key=lambda entry: (entry.scores.submission.method, entry.digest))
     tables = [
@@ -75,7 +79,7 @@ def board_of(entries: Sequence[ScoresEntry]) -> Board:
         for view in section.views
         for table in view.tables
     ]
-    return Board(entries=tuple(map(_entry, ordered)), tables=tuple(tables))
+    return Board(entries=tuple(map(_entry, ordered)), tables=tuple(tables), questions=tuple(questions) or None)
 
 
 def _entry(entry: ScoresEntry) -> BoardEntry:

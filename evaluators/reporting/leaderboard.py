@@ -23,6 +23,7 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats.files import dump_json, write_bytes, write_json
 from evaluators.reporting.board import board_of
 from evaluators.reporting.pages import write_page
+from evaluators.reporting.question_tables import split_questions
 from evaluators.reporting.ranking import ScoresEntry, leaderboard_values
 from evaluators.reporting.report_check import read_report
 from evaluators.reporting.score_file import contents_digest, read_scores, read_verification
@@ -41,7 +42,8 @@ def write_leaderboard(
 
     Args:
         folder: made if missing; files of other names in it stay.
-        score_files: written by ``avs3d-eval --json``; a file given twice counts once.
+        score_files: written by ``avs3d-eval --json`` or ``avs3d qa-score --json``; a file given twice counts once.
+            Those of questions get a table of their own and are not copied.
         verified: written by ``avs3d verify --json``, by whoever makes the page: the files of scores that they confirm
             are marked. Records that lie beside the files of scores are never looked for, since their authors can write
             them.
@@ -56,7 +58,8 @@ def write_leaderboard(
         Avs3dError: if a file is no file of scores (the file and the field are named), or nothing can be written.
     """
     folder = Path(folder)
-    entries, notes = _marked(read_entries(score_files), verified)
+    masks, questions = split_questions(score_files)
+    entries, notes = _marked(read_entries(masks) if masks or not questions else (), verified)
     _refuse_overwriting(folder, entries, verified)
     for entry in entries:
         report = None
@@ -65,9 +68,9 @@ def write_leaderboard(
             _write(folder / "reports" / report, read_report(entry.report))
         scores = entry.scores.model_copy(update={"report": report})
         _write(folder / "reports" / f"{entry.name}.json", dump_json(scores).encode())
-    write_page(folder / "index.html", "leaderboard.html.j2", leaderboard_values(entries))
+    write_page(folder / "index.html", "leaderboard.html.j2", leaderboard_values(entries) | {"questions": questions})
     if json_file is not None:
-        write_json(json_file, board_of(entries))
+        write_json(json_file, board_of(entries, questions))
     return (*(entry.note for entry in entries if entry.note), *notes)
 
 

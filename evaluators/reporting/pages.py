@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
+from avs3d_bench.contract.questions import QUESTION_KINDS
 from avs3d_bench.contract.scores import GroupScores, Metric
 from avs3d_bench.formats.files import write_bytes
 from avs3d_bench.text.templates import MISSING, template_environment, words
@@ -107,6 +108,7 @@ def _environment() -> Environment:
     environment.globals |= {
         "FEWEST": FEWEST, "MISSING": MISSING, "WARN_BELOW": WARN_BELOW, "MOST_METHODS": MOST_METHODS,
         "PART_TITLES": PART_TITLES, "PART_NOTES": PART_NOTES, "REFERENCE_TITLES": REFERENCE_TITLES,
+        "QUESTION_KINDS": QUESTION_KINDS,
     }  # fmt: skip
     return environment
 

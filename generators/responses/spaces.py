@@ -55,11 +55,13 @@ def opened_manifest(source: Path, settings: AcousticsSettings) -> Iterator[Sourc
     """The manifest at ``source``, a file, or the one from which the dataset at ``source`` was made.
 
     Raises:
-        UsageError: if there is neither, or the manifest is not published (a sealed test).
+        UsageError: if there is neither, the manifest is not published (a sealed test), or there are two.
         Avs3dError: if the manifest is wrong, or names files that are missing.
     """
     options = GenerateOptions(only=settings.only, audio="tracer", device=settings.device)
     if not source.is_dir():
+        if settings.manifest is not None:
+            raise UsageError(f"--manifest belongs to a dataset; {source} is a manifest itself: leave it out")
         yield _planned(read_manifest(source), options)
         return
     record = Dataset(source).record

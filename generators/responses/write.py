@@ -7,6 +7,7 @@ appears whole or not at all, and the same manifest and settings give the same by
 from __future__ import annotations
 
 import csv
+import glob
 import io
 import math
 import os
@@ -32,7 +33,7 @@ from avs3d_bench.exports.acoustics import (
 from avs3d_bench.formats.files import read_record, write_bytes, write_json
 from avs3d_bench.formats.media import write_png_rgb
 from avs3d_bench.formats.ply import write_ply_mesh
-from avs3d_bench.formats.staging import staged_folder
+from avs3d_bench.formats.staging import refuse_strange, staged_folder
 from avs3d_bench.geometry import Intrinsics, Pose
 from avs3d_bench.measures.decay import decay_figures
 from avs3d_bench.runtime.parallel import available_cores
@@ -52,6 +53,8 @@ from generators.scenes.renderer import Renderer
 
 #: Fewer responses than this are made in this process: starting others takes longer.
 _FEW = 300
+#: Files beside a mesh and beside pictures.
+_MATERIALS, _TRANSFORMS = "materials.json", "transforms.json"
 #: Responses of a shard.
 _PER_SHARD = 1000
 #: Angle between the headings of consecutive pictures (radians): the golden angle, which repeats no direction.
@@ -91,9 +94,17 @@ def _check_folder(folder: Path, name: str) -> None:
     found = read_record(folder / ACOUSTICS_JSON, ResponsesRecord)
     if found.dataset != name:
         raise UsageError(f"{folder}: holds the responses of {found.dataset}; choose another folder")
-    strange = {path.name for path in folder.iterdir()} - {ACOUSTICS_JSON, RESPONSES_CSV, *found.meshes}
-    if strange:
-        raise UsageError(f"{folder / min(strange)}: no file of the export; move it away, or choose another folder")
+    refuse_strange(folder, (ACOUSTICS_JSON, RESPONSES_CSV, *_own_files(found)))
+
+
+def _own_files(record: ResponsesRecord) -> Iterator[str]:
+    """Shell patterns of the files that a record names."""
+    for home, mesh in record.meshes.items():
+        yield from (glob.escape(mesh), f"{glob.escape(home)}/{_MATERIALS}")
+    for space in record.spaces:
+        yield from map(glob.escape, space.shards)
+        if space.pictures is not None:
+            yield from (f"{glob.escape(space.pictures)}/{name}" for name in ("frame_*.png", _TRANSFORMS))
 
 
 class _Export:
@@ -158,7 +169,7 @@ class _Export:
             )  # fmt: skip
             first += len(some)
         octaves = [int(octave) for octave in OCTAVE_BANDS]
-        write_json(self.folder / home / "materials.json", {"octaves": octaves, "faces": found})
+        write_json(self.folder / home / _MATERIALS, {"octaves": octaves, "faces": found})
         return path
 
     def _write_room(self, name: str, room: str, home: HomeScene, mesh: AcousticMesh, home_split: ResponseSplit) -> None:
@@ -207,7 +218,7 @@ class _Export:
                 write_png_rgb(self.folder / folder / name, renderer.frame(pose, camera).rgb)
                 frames.append({"file_path": name, "transform_matrix": pose.matrix, "listener": int(listener)})
         write_json(
-            self.folder / folder / "transforms.json",
+            self.folder / folder / _TRANSFORMS,
             {"camera_model": "PINHOLE", "w": size, "h": size, "fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx,
              "cy": camera.cy, "frames": frames},
         )  # fmt: skip

@@ -257,8 +257,11 @@ class _Drawer:
         return self._fill(where, len(unit.entries), number, rng)
 
     def _take_back(self, room: str, unit: SampledGroup) -> None:
-        """Count no more what stood and was heard in a unit that is drawn again, so that all still take turns."""
+        """Count no more what a unit had that is drawn again, agent included, so that all still take turns."""
         first = unit.entries[0]
+        if "agent" in first:
+            self._focus["agent", first["scan"], first["agent"]] -= 1
+            self._focus["agent", first["agent"]] -= 1
         for name in (*first.get("silent", ()), *first.get("instances", ())):
             self._focus["distractor", room, name] -= name in DISTRACTORS_IN[room]
         heard = {one["category"] for entry in unit.entries for one in entry.get("sources", ())}

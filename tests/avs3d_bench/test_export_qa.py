@@ -303,6 +303,11 @@ def test_the_same_data_give_the_same_bytes_and_a_rerun_replaces_its_own(
     root, folder = written
     again = tmp_path / "qa"
     write_qa(root, again, QaOptions(per_group=1))
+    for mine in ("answers.jsonl", "audio/notes.txt"):
+        (again / mine).write_text("mine")
+        with pytest.raises(UsageError, match=rf"qa/{mine}: no file that this command writes; move it away"):
+            write_qa(root, again, ALL)
+        (again / mine).unlink()
     write_qa(root, again, ALL)
     files = sorted(path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
     assert files == sorted(path.relative_to(again) for path in again.rglob("*") if path.is_file())
@@ -329,6 +334,9 @@ def test_swapping_ambisonics_mirrors_the_direction(tmp_path: Path) -> None:
     media.write_wav(path, tiny_receivers.plane_wave(samples, 40.0, 20.0))
     swapped = ambisonic(frame, QaClip(tiny_scenes.FIRST, "swapped"))
     assert np.allclose(swapped, tiny_receivers.plane_wave(samples, -40.0, 20.0), atol=1e-6)
+    media.write_wav(path, np.zeros((4, 44_100), dtype=np.float32))
+    for played in ("own", "swapped"):
+        assert not np.signbit(ambisonic(frame, QaClip(tiny_scenes.FIRST, played))).any()  # −0 would tell
     write_qa(root, tmp_path / "qa", QaOptions(split="all"))
     for line in read_questions(tmp_path / "qa"):
         assert line.ambisonics is not None
@@ -339,7 +347,18 @@ def test_swapping_ambisonics_mirrors_the_direction(tmp_path: Path) -> None:
 
 def test_the_command_says_what_it_wrote(shared_part_3: SharedDataset, tmp_path: Path) -> None:
     out = tmp_path / "qa"
-    arguments = ["qa", str(shared_part_3(frames=9)), "-o", str(out), "--kind", "side", "--kind", "distance"]
+    arguments = [
+        "qa",
+        str(shared_part_3(frames=9)),
+        "-o",
+        str(out),
+        "--kind",
+        "side",
+        "--kind",
+        "distance",
+        "--kind",
+        "side",
+    ]
     result = CliRunner().invoke(export, arguments, catch_exceptions=False)
     assert result.exit_code == 0, result.output
     first, *rest = result.output.splitlines()

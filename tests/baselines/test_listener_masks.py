@@ -29,7 +29,7 @@ from baselines.echosegnet.run import RunOptions, write_echosegnet  # noqa: E402
 from baselines.echosegnet.sources import OracleMasks  # noqa: E402
 from baselines.echosegnet.train import TrainingSettings  # noqa: E402
 from baselines.listener import marks, weights  # noqa: E402
-from baselines.listener.marks import ListenerMarker, load_marker, of_category, shared_category  # noqa: E402
+from baselines.listener.marks import EVERY, ListenerMarker, load_marker, of_category, shared_category  # noqa: E402
 from baselines.listener.masks import Answer  # noqa: E402
 from baselines.listener.model import match_map  # noqa: E402
 from baselines.listener.predict import ListenerMethod  # noqa: E402
@@ -83,6 +83,15 @@ def test_the_category_of_all_frames_is_that_of_the_largest_sum_of_log_odds() -> 
     unsure, sure = answer({CLOCK: 0.6, MICROWAVE: 0.4}), answer({MICROWAVE: 0.9})
     assert shared_category([unsure]) == CLOCK
     assert shared_category([unsure, sure]) == MICROWAVE
+
+
+def test_what_has_no_name_in_all_frames_may_be_every_object() -> None:
+    frames = [replace(answer({CLOCK: 0.3}), unknown=unknown) for unknown in (0.9, 0.8)]
+    assert shared_category(frames) == EVERY
+    assert shared_category([replace(each, unknown=0.1) for each in frames]) == CLOCK
+    found = of_category(frames[0], EVERY)
+    np.testing.assert_allclose(found.mask, np.log((1 - found.classes[0]) / found.classes[0]), rtol=1e-4)
+    assert found.audible.min() == 1
 
 
 def test_every_object_of_the_category_is_marked_where_one_object_sounds() -> None:

@@ -22,7 +22,7 @@ from tests.support import score_examples, tiny_scenes  # noqa: E402
 from tests.support.tiny_listener import SMALL  # noqa: E402
 
 #: Rows that hear something else than their own sound.
-CONTROLS = ("no-sound", "wrong-sound", "same-category", "swapped-ears", "both-ears-mean")
+CONTROLS = ("no-sound", "wrong-sound", "same-category", "swapped-ears", "both-ears-mean", "direction")
 PAGE = "# Listener\n\nbefore\n\n<!-- tables -->\nold\n<!-- end of tables -->\n\nafter\n"
 
 

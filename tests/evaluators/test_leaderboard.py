@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from avs3d_bench.contract.questions import KindScore, QaScores, QuestionSource
 from avs3d_bench.contract.scores import DEAF_REFERENCES, REFERENCES, Scores, metrics_of
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import media
@@ -116,6 +117,38 @@ def test_the_json_has_the_rows_of_the_page_with_their_digests(tmp_path: Path) ->
         assert order == sorted(order, reverse=True)
     write_leaderboard(tmp_path / "board", files[::-1], json_file=tmp_path / "again.json")
     assert (tmp_path / "again.json").read_bytes() == (tmp_path / "board.json").read_bytes()
+
+
+def answered(path: Path, method: str, pairs: float, sha256: str = "0" * 64) -> Path:
+    """A file of `avs3d qa-score --json`."""
+    score = KindScore(lines=6, groups=2, accuracy=0.5, chance=0.3, pair_accuracy=pairs, pairs=4, outside=0,
+                      accuracy_interval=None, pair_interval=(0.2, 0.9))  # fmt: skip
+    source = QuestionSource(dataset="listen", dataset_version="4.0.0", sha256=sha256)
+    row = QaScores(toolkit_version="1", method=method, questions=source, overall=score, kinds={"side": score})
+    media.write_json(path, row)
+    return path
+
+
+def test_scores_of_questions_have_tables_of_their_own_without_places(tmp_path: Path) -> None:
+    rows = [answered(tmp_path / "a.json", "low", 0.25), answered(tmp_path / "b.json", "<b>high", 0.75)]
+    rows += [rows[0], answered(tmp_path / "c.json", "others", 0.5, "1" * 64)]
+    masks = [save(tmp_path / "masks", example_scores(8, method='"format": "avs3d qa scores 1"'))]
+    for files in (rows, [*rows, *masks]):
+        write_leaderboard(tmp_path / "board", files, json_file=tmp_path / "board.json")
+        page = (tmp_path / "board/index.html").read_text(encoding="utf-8")
+        section = page[page.index('<section id="questions">') :]
+        assert re.findall(r"<b><bdi>(.*?)</bdi></b>", section) == ["&lt;b&gt;high", "low", "others"]
+        values = [float(value) for value in re.findall(r'data-v="([\d.]+)"', section)]
+        assert values == [0.75, 0.5, 0.3, 0.75, 0.25, 0.5, 0.3, 0.25, 0.5, 0.5, 0.3, 0.5]
+        assert ('<section id="ranking">' in page) == (len(files) > len(rows))
+        board = media.read_record(tmp_path / "board.json", Board)
+        assert [[(row.file, row.digest) for row in table.rows] for table in board.questions or ()] == [
+            [(path.name, media.sha256_file(path)) for path in some] for some in ((rows[1], rows[0]), rows[3:])
+        ]
+        assert len(board.entries) == len(files) - len(rows)
+    (tmp_path / "a.json").write_text((tmp_path / "a.json").read_text().replace('"groups": 2', '"groups": "two"'))
+    with pytest.raises(Avs3dError, match=r"a\.json: overall\.groups"):
+        write_leaderboard(tmp_path / "board", rows)
 
 
 def test_equal_methods_share_a_rank(tmp_path: Path) -> None:

@@ -247,6 +247,7 @@ def test_first_order_ambisonics_have_four_channels_with_the_omni_first(manifest:
         ({"absorption": (1.0, 1.0)}, "--absorption .*: expected different factors"),
         ({"absorption": (100.0,)}, "--absorption 100: expected 0.05 to 20"),
         ({"sample_rate": 100}, "--sample-rate 100: expected 8000 to 192000"),
+        ({"manifest": Path("other.yaml")}, "--manifest belongs to a dataset; .* is a manifest itself"),
         ({"only": ("part_9/*",)}, "--only 'part_9/.*' matches no observation"),
     ],
 )
@@ -276,12 +277,13 @@ def test_a_folder_of_something_else_is_kept(export: Path, manifest: Path, tmp_pa
     with pytest.raises(UsageError, match="exists and is no export of responses"):
         write_acoustics(manifest, tmp_path / "mine", LEAST)
     shutil.copytree(export, tmp_path / "rirs")
-    (tmp_path / "rirs/thesis.tex").write_text("x")
-    with pytest.raises(UsageError, match=r"thesis.tex: no file of the export"):
-        write_acoustics(manifest, tmp_path / "rirs", LEAST)
+    for strange in ("thesis.tex", "box/kitchen/thesis.tex"):
+        (tmp_path / "rirs" / strange).write_text("x")
+        with pytest.raises(UsageError, match=rf"rirs/{strange}: no file that this command writes"):
+            write_acoustics(manifest, tmp_path / "rirs", LEAST)
+        (tmp_path / "rirs" / strange).unlink()
     renamed = yaml.safe_load(manifest.read_text()) | {"name": "other"}
     (manifest.parent / "other.yaml").write_text(yaml.safe_dump(renamed))
-    (tmp_path / "rirs/thesis.tex").unlink()
     with pytest.raises(UsageError, match="holds the responses of tiny"):
         write_acoustics(manifest.parent / "other.yaml", tmp_path / "rirs", LEAST)
     assert hashes(tmp_path / "rirs") == hashes(export)

@@ -886,6 +886,14 @@ def test_scenes_for_seld_have_several_events_or_a_moving_one_and_three_kinds_of_
     assert len(away) == 4, "one in three of the scenes of part_3"
 
 
+def test_agents_take_turns_though_units_are_drawn_again() -> None:
+    draws = iter([range(0, 24, 5), range(0, 5, 2)])
+    wanted = Wanted(homes=2, observations=24, seed=5, groups="seld", parts=("part_1", "part_3"))
+    document, _ = sample(wanted, Excluded({}, {}, {}), lambda _: next(draws, ()))
+    agents = Counter((one["scan"], one["agent"]) for one in document["observations"])
+    assert set(agents.values()) == {4}
+
+
 def test_what_does_not_go_with_seld_is_one_line(tmp_path: Path) -> None:
     for options, said in (
         (["--groups", "listen"], "--groups listen: --for seld has a composition of its own; leave it out"),

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 
 from avs3d_bench.contract.scores import Scores
+from avs3d_bench.formats.files import write_json
+from benchmarks.listener_seeds import cell, figures_of
 from benchmarks.listener_summary import settings_lines, settings_text, twin_accuracy, twin_pairs
 
 RESULTS = Path(__file__).parents[2] / "docs/results"
@@ -44,3 +47,21 @@ def test_settings_that_differ_between_rows_are_said() -> None:
         f"- listener + EchoSegnet spatial (a): several looks, 800 iterations, {votes}",
         f"- listener + EchoSegnet spatial (b): several looks, 900 iterations, {votes}",
     ]
+
+
+def test_figures_of_seeds_are_a_mean_with_every_value_and_the_interval_of_the_first(tmp_path: Path) -> None:
+    first = json.loads((RESULTS / "listener-listen-2d.json").read_bytes())
+    for name, accuracy in {"seed0": 0.5, "seed1": 0.2}.items():
+        first["parts"]["part_3"]["listen"]["pair_accuracy"] = accuracy
+        write_json(tmp_path / name / "listener-listen-2d.json", first)
+        first["parts"]["part_3"]["listen"]["intervals"]["pair_accuracy"] = [0.0, 0.9]
+    found = figures_of((tmp_path / "seed0", tmp_path / "seed1"))["listen-2d"]["part_3"]
+    one = found["pair_accuracy"]
+    assert (one["mean"], one["values"]) == (0.35, [0.5, 0.2])
+    assert one["interval"] not in (None, [0.0, 0.9])
+    assert cell(one) == ".350 (.200–.500)"
+
+
+def test_the_cell_of_one_seed_has_its_interval_over_homes() -> None:
+    assert cell({"mean": 0.25, "values": [0.25], "interval": [0.1, 0.4]}) == ".250 [.10–.40]"
+    assert cell({"mean": 0.25, "values": [0.25], "interval": None}) == ".250"

@@ -85,7 +85,7 @@ def question_sets(
         by_group.setdefault(moment.group, []).append(moment)
     found = []
     for group, mine in by_group.items():
-        for kind in kinds or tuple(_DRAFTS):
+        for kind in dict.fromkeys(kinds or _DRAFTS):
             rng = np.random.default_rng(_words(seed, group, kind))
             drafts = [(moment, some) for moment in mine if (some := list(_DRAFTS[kind](moment, texts)))]
             for place in rng.permutation(len(drafts))[:per_group]:

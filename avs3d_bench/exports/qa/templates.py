@@ -19,7 +19,7 @@ NOTHING = "nothing"
 
 
 class Margins(Record):
-    """What keeps a question from being about hairs; questions.yaml says what each is."""
+    """What keeps out questions whose answer is nearly another one; questions.yaml says what each is."""
 
     level_db: float
     snr_db: float

@@ -41,11 +41,12 @@ from avs3d_bench.exports.qa.templates import templates
 from avs3d_bench.exports.samples import SplitChoice, frames_of, select
 from avs3d_bench.formats import media
 from avs3d_bench.formats.files import write_bytes, write_json
-from avs3d_bench.formats.staging import staged_folder
+from avs3d_bench.formats.staging import refuse_strange, staged_folder
 from avs3d_bench.runtime.parallel import advance, process_each
 
 _SIGNATURE = Signature(values=(("format", "avs3d qa 1"),), exactly=False)
 PICTURES, AUDIO, AMBISONICS = "pictures", "audio", "ambisonics"
+_CLIPS = (f"{AUDIO}/q*.wav", f"{AMBISONICS}/q*.wav")
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ def write_qa(
 
     Args:
         root: the dataset, with its truth.
-        folder: replaced if it is an export of questions.
+        folder: replaced if it is an export of questions with no other file in it.
         options: None: `QaOptions()`.
         progress: show bars on stderr.
 
@@ -134,7 +135,7 @@ def _groups(root: str | Path, options: QaOptions) -> tuple[Dataset, Mapping[str,
 
 
 def _refuse_others(named: Path, root: Path, final: Path) -> None:
-    """A folder is replaced if it is empty or an export of questions."""
+    """A folder is replaced if it is empty, or an export of questions with no other file in it."""
     if final.is_relative_to(root.resolve()):
         raise UsageError(f"{named}: lies inside the dataset; choose a folder outside of {root}")
     if not final.exists():
@@ -142,6 +143,7 @@ def _refuse_others(named: Path, root: Path, final: Path) -> None:
     marker = final / QA_JSON
     if not final.is_dir() or (any(final.iterdir()) and not (marker.is_file() and _SIGNATURE.matches(marker))):
         raise UsageError(f"{named}: exists, and `avs3d export qa` has not written it; choose another name")
+    refuse_strange(final, (QUESTIONS_JSONL, QA_JSON, SCENES_JSON, f"{PICTURES}/p*.png", *_CLIPS))
 
 
 def _moments(groups: Mapping[str, tuple[Observation, ...]], split: SplitChoice, progress: bool) -> tuple[QaMoment, ...]:
@@ -283,11 +285,12 @@ def ambisonic(frame: Frame, clip: QaClip) -> NDArray[np.float32]:
     if clip.digital:
         return np.zeros_like(sound)
     if clip.played != "swapped":
-        return sound
+        return sound + np.float32(0)
     channels = np.arange(len(sound))
     degree = np.sqrt(channels).astype(int)
     order = channels - degree * (degree + 1)
-    return np.asarray(sound * np.where(order < 0, -1, 1)[:, None], dtype=np.float32)
+    # + 0 makes 0 of −0, which would tell that a clip was mirrored.
+    return np.asarray(sound * np.where(order < 0, -1, 1)[:, None] + 0, dtype=np.float32)
 
 
 def draw_mark(rgb: NDArray[np.uint8], pixel: tuple[int, int], letter: str) -> None:

@@ -14,7 +14,7 @@ import shutil
 import tarfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any
 from urllib.parse import unquote, urlsplit
@@ -61,11 +61,13 @@ _SHA256 = re.compile(r"[0-9a-f]{64}")
 
 
 def find_release(name: str, url: str | None, sha256: str | None = None) -> HostedRelease:
-    """The address of a release: ``url``, or what the package knows of its name.
+    """The address of a release: ``url``, or what the package knows of its name; ``sha256`` of its release.json.
 
     Raises:
         UsageError: if the name is unknown, or the address or the digest cannot be one.
     """
+    if sha256 is not None and not _SHA256.fullmatch(sha256):
+        raise UsageError(f"--sha256 {excerpt(sha256)}: expected the 64 digits that `avs3d release` printed")
     if url is None:
         known = KNOWN.get(name)
         if known is None:
@@ -73,7 +75,7 @@ def find_release(name: str, url: str | None, sha256: str | None = None) -> Hoste
             raise UsageError(
                 f"no release {excerpt(name)}: {listed}{did_you_mean(name, KNOWN)}; give its address: --from URL"
             )
-        return known
+        return known if sha256 is None else replace(known, sha256=sha256)
     if os.path.isdir(url):
         url = Path(os.path.abspath(url)).as_uri()
     parts = urlsplit(url)
@@ -81,8 +83,6 @@ def find_release(name: str, url: str | None, sha256: str | None = None) -> Hoste
         raise UsageError(f"--from {excerpt(url)}: expected a folder, or the address of one: https://…/")
     if parts.query or parts.fragment:
         raise UsageError(f"--from {excerpt(url)}: has a query; expected the address of a folder, without ? and #")
-    if sha256 is not None and not _SHA256.fullmatch(sha256):
-        raise UsageError(f"--sha256 {excerpt(sha256)}: expected the 64 digits that `avs3d release` printed")
     return HostedRelease(url.rstrip("/") + "/", sha256)
 
 
@@ -295,8 +295,11 @@ def _checked_name(info: tarfile.TarInfo, path: Path) -> str:
     short = len(info.name.encode("utf-8", "surrogateescape")) <= MAX_PATH and all(len(p) <= MAX_NAME for p in parts)
     if not (plain and short and parts[0] in _TOP):
         raise Avs3dError(f"{path.name}: holds {excerpt(info.name)}, expected {', '.join(_TOP)} and files below parts")
-    if not (info.isreg() or info.islnk()):
-        raise Avs3dError(f"{path.name}: {excerpt(info.name)} is a link, folder or device; expected files alone")
+    # Of a sparse file, a few bytes of the archive would become any number on the disk.
+    if info.type not in (tarfile.REGTYPE, tarfile.AREGTYPE, tarfile.LNKTYPE) or info.issparse() or info.size < 0:
+        raise Avs3dError(
+            f"{path.name}: {excerpt(info.name)} is a link, folder, device or sparse file; expected files alone"
+        )
     return info.name
 
 

@@ -44,7 +44,7 @@ from avs3d_bench.exports.release.record import (
 )
 from avs3d_bench.exports.tar_format import closing, header, link, padding
 from avs3d_bench.formats.files import open_regular, os_error_line, read_record, sha256_file, write_bytes, write_json
-from avs3d_bench.formats.staging import staged_folder
+from avs3d_bench.formats.staging import refuse_strange, staged_folder
 from avs3d_bench.runtime.parallel import advance, process_each
 
 #: Least size of an archive (MB).
@@ -151,8 +151,7 @@ def _check_folder(folder: Path, name: str) -> None:
     if found.name != name:
         raise UsageError(f"{folder}: holds the release of {found.name}; choose another folder")
     own = {README, LICENCES, CROISSANT, REGISTRY, SUMS, RELEASE_JSON, *(archive.file for archive in found.archives)}
-    if there - own:
-        raise UsageError(f"{folder / min(there - own)}: no file of the release; move it away, or choose another folder")
+    refuse_strange(folder, own)
 
 
 def _write_archive(root: Path, folder: Path, item: tuple[str, PlannedArchive]) -> ReleaseArchive:

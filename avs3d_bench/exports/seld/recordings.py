@@ -5,8 +5,8 @@
 
 Fold 3 is for training (`dev-train-avs3d`), fold 4 for testing (`dev-test-avs3d`): the baselines of the challenge choose
 files by the fold. Homes are in one of the two, never in both, so that siblings, which have the same pictures, and rooms
-are not, either. A room's number is its place among the rooms of the dataset, a mix's number that of the observation in
-its room.
+are not, either. A room's number is its place among the rooms that are exported, a mix's number that of the observation
+in its room.
 """
 
 from __future__ import annotations

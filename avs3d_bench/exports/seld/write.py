@@ -151,8 +151,10 @@ class SeldSettings:
             raise UsageError(f"--maps belongs to --format foa: a clip of {self.form} has a view of its own")
         if self.video:
             check_width(self.width)
-        elif self.video_width is not None:
-            raise UsageError("--video-width belongs to --video; give both, or neither")
+            return
+        for option in ("video_width", "manifest", "hrtf"):
+            if getattr(self, option) is not None:
+                raise UsageError(f"--{option.replace('_', '-')} belongs to --video; give both, or neither")
 
 
 def write_seld(
