@@ -7,6 +7,7 @@ other setting stays as it is, so that a row with a control differs from the plai
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal, get_args
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.dataset import Dataset, Frame, Observation
-from avs3d_bench.errors import UsageError
+from avs3d_bench.errors import Avs3dError, UsageError
 
 SoundControl = Literal["own", "none", "swapped-ears", "both-ears-mean", "same-category", "other-category"]
 SOUND_CONTROLS: tuple[SoundControl, ...] = get_args(SoundControl)
@@ -49,6 +50,21 @@ def sound_of(frame: Frame, control: SoundControl = "own") -> NDArray[np.float32]
     if control == "both-ears-mean":
         return np.broadcast_to(sound.mean(axis=0, keepdims=True), sound.shape).copy()
     return sound
+
+
+def sounds_of(frames: Sequence[Frame], control: SoundControl = "own") -> NDArray[np.float32]:
+    """(T, 2, n) float32: the clips of T frames, or what a control puts in their place.
+
+    Raises:
+        UsageError: if the dataset lacks what the control asks for.
+        Avs3dError: if a frame has no clip, or another length than the first.
+    """
+    clips = [sound_of(frame, control) for frame in frames]
+    for frame, clip in zip(frames, clips, strict=True):
+        if clip.shape != clips[0].shape or clip.shape[0] != 2:
+            where = f"{frame.observation.key}/{frame.name}"
+            raise Avs3dError(f"{where}: a clip of shape {clip.shape}, expected {clips[0].shape}, two ears")
+    return np.stack(clips)
 
 
 def other_frame(frame: Frame, *, same_category: bool) -> Frame:

@@ -195,7 +195,7 @@ HOUSE = {
         "sound_control": "",
         "listener": "networks sound_control",
         "echosegnet": "oracle_errors oracle sound_control",
-        "foundation": "networks owod_bind echosegnet",
+        "foundation": "networks owod_bind sound_control echosegnet",
         "direction_alone": "listener echosegnet networks sound_control",
         "references": "oracle echosegnet",
         "reference_scores": "",

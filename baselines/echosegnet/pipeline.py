@@ -53,7 +53,7 @@ from baselines.echosegnet.train import Progress, TrainingSettings
 from baselines.echosegnet.training_stage import trained
 from baselines.echosegnet.views import RegisteredView, input_views, load_views, test_views, train_views
 from baselines.echosegnet.voting_stage import Variant, count_votes
-from baselines.sound_control import SoundControl, sound_of
+from baselines.sound_control import SoundControl, sounds_of
 
 #: Successive train views whose votes are counted together in part_3 observations: programmes last for some seconds.
 MASK_RUN = 8
@@ -209,7 +209,7 @@ class _Lifted:
     @cached_property
     def clips(self) -> NDArray[np.float32]:
         """(T, 2, n) what is heard in the train views."""
-        return clips_of(self.seen, self.sound)
+        return sounds_of([view.frame for view in self.seen], self.sound)
 
     @cached_property
     def part(self) -> Gaussians:
@@ -297,7 +297,7 @@ def _sounding(lifted: _Lifted) -> _Sounding:
     classes = class_votes(points, labels, lifted.seen, lifted.source)
     if not len(labels) or labels.max() < 0:
         return _Sounding(labels, np.zeros((len(lifted.views), 0), np.bool_), classes)
-    clips = clips_of(lifted.views, lifted.sound)
+    clips = sounds_of([view.frame for view in lifted.views], lifted.sound)
     return _Sounding(labels, cluster_activity(points, labels, lifted.views, clips).active, classes)
 
 
@@ -355,21 +355,6 @@ def _marked(observation: Observation, views: Sequence[RegisteredView], source: M
     if not any(mask.any() for mask in masks):
         raise Avs3dError(f"{observation.key}: {source.name} marks nothing in any train frame; nothing can be lifted")
     return masks
-
-
-def clips_of(views: Sequence[RegisteredView], control: SoundControl = "own") -> NDArray[np.float32]:
-    """(T, 2, n) the binaural clips of the views, or what a control puts in their place.
-
-    Raises:
-        UsageError: if the dataset lacks what the control asks for.
-        Avs3dError: if a frame has no clip, or another length than the first.
-    """
-    clips = [sound_of(view.frame, control) for view in views]
-    for view, clip in zip(views, clips, strict=True):
-        if clip.shape != clips[0].shape or clip.shape[0] != 2:
-            where = f"{view.frame.observation.key}/{view.name}"
-            raise Avs3dError(f"{where}: a clip of shape {clip.shape}, expected {clips[0].shape}, two ears")
-    return np.stack(clips)
 
 
 def _refine_official(lifted: _Lifted, refine: bool, stages: Stages, key: str) -> tuple[NDArray[np.bool_], int]:

@@ -6,7 +6,8 @@ For an observation (`run.Foundation`), without any training:
    (speech, music, a fan …): a posterior for each frame.
 2. The categories that are heard become text prompts. `sam3` segments every instance of a prompt in a picture; or, where
    SAM 3's licence is not accepted, `grounded` finds boxes for the text (Grounding DINO) and a mask for each (SAM 2).
-   What is heard but is none of the categories makes all of them candidates: then the direction alone decides.
+   In part_1 and part_2, what is none of the categories makes all of them candidates: an object sounds, the direction
+   alone decides which. In part_3 it is silence or a sound of no class, and nothing is marked.
 3. `tracks` joins the instances of different frames by their rays: what meets in one point is one object.
 4. The likelihood of what both ears heard (`baselines.echosegnet.spatial`) chooses the track.
 

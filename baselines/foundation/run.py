@@ -23,6 +23,7 @@ from baselines.foundation.tracks import ObjectTrack, join, sighting
 from baselines.networks.checkpoints import CHECKPOINTS, find_checkpoint, require_packages
 from baselines.networks.device import enough_memory, inference, pick_device
 from baselines.networks.sound import check_clip
+from baselines.sound_control import sounds_of
 
 if TYPE_CHECKING:
     import torch
@@ -34,7 +35,7 @@ Segmenter = Literal["sam3", "grounded-sam2"]
 
 #: How a category becomes a sentence (Wu et al. 2023, §4.2).
 SENTENCE = "This is a sound of {}."
-#: Sounds of none of the categories, which compete with them; what wins here has no name among the prompts.
+#: Silence and sounds of none of the categories, which compete with them.
 OTHER_SOUNDS = (
     "silence", "speech", "music", "a fan", "a dishwasher", "a kettle", "a dog", "traffic", "wind", "footsteps", "noise",
 )  # fmt: skip
@@ -71,13 +72,13 @@ class Foundation:
         observation = frames[0].observation
         ids, together = categories_of(observation), not observation.is_part_3
         names = list(ids)
-        heard = heard_categories(self._posterior(observation.frames, names), together=together)
-        found = {name: self._instances(frames, name) for place, name in enumerate(names) if heard[:, place].any()}
+        events = heard_events(self._posterior(observation.frames, names), together=together)
+        wanted = sorted({member for members, _ in events for member in members})
+        found = self._instances(frames, [names[member] for member in wanted])
         camera = observation.intrinsics
         marked = [np.zeros((camera.height, camera.width), np.uint8) for _ in frames]
         place_of = {frame.name: place for place, frame in enumerate(observation.frames)}
-        for members in rivals(heard, together=together):
-            listened: NDArray[np.bool_] = np.any(heard[:, members], axis=1)
+        for members, listened in events:
             chosen = self._choose(frames, listened, [(m, found[names[m]]) for m in members])
             for number, category, mask in chosen:
                 if listened[place_of[frames[number].name]]:
@@ -99,12 +100,14 @@ class Foundation:
             out[loud, len(names)] = found[:, len(names) :].sum(axis=1)
         return out
 
-    def _instances(self, frames: Sequence[Frame], name: str) -> list[TextMasks]:
-        """The instances of a category in each frame."""
-        found = []
-        for frame in frames:
+    def _instances(self, frames: Sequence[Frame], names: Sequence[str]) -> dict[str, list[TextMasks]]:
+        """The instances of each category in each frame; a picture is looked at once for all of them."""
+        found: dict[str, list[TextMasks]] = {name: [] for name in names}
+        for frame in frames if names else ():
             with inference(self.device, _where(frame)):
-                found += self.segmenter.segment(frame.rgb(), [words(name)])
+                answers = self.segmenter.segment(frame.rgb(), [words(name) for name in names])
+            for name, answer in zip(names, answers, strict=True):
+                found[name].append(answer)
         return found
 
     def _choose(
@@ -127,7 +130,7 @@ class Foundation:
             points = np.stack([track.point for _, _, track in tracks])
             rotation = np.stack([frame.pose.rotation_matrix for frame in ears])
             position = np.array([frame.pose.position for frame in ears])
-            cues = binaural.observe(np.stack([frame.audio() for frame in ears]))
+            cues = binaural.observe(sounds_of(ears))
             best = spatial.judge(points, np.arange(len(points)), rotation, position, cues).best
         category, masks, track = tracks[best]
         return [(one.frame, category, masks[one.frame].masks[one.index]) for one in track.sightings]
@@ -157,8 +160,8 @@ def words(category: str) -> str:
     return category.replace("_", " ")
 
 
-def heard_categories(posterior: Array, *, together: bool) -> NDArray[np.bool_]:
-    """(frames, categories) which categories may be what sounds in each frame.
+def heard_events(posterior: Array, *, together: bool) -> list[tuple[list[int], NDArray[np.bool_]]]:
+    """What is heard: (categories that compete to be its object, (frames,) in which frames it is heard).
 
     Args:
         posterior: (frames, categories + 1), the last column is for sounds of none of them; rows of zeros are silent.
@@ -166,25 +169,18 @@ def heard_categories(posterior: Array, *, together: bool) -> NDArray[np.bool_]:
             sum of their log probabilities.
 
     Returns:
-        True for the category that wins, or that has a share of at least `HEARD` (part_3); for all of them where the
-        last column wins: something sounds that has no name, and the direction must decide.
+        One event of the category that wins (part_1, part_2); of all categories if the last column wins: it has no name,
+        but an object sounds, and the direction decides which. Or one event for each category that has a share of at
+        least `HEARD` in some frame (part_3, where silence and sounds of no class are no objects).
     """
-    loud = posterior.any(axis=1)
+    loud: NDArray[np.bool_] = np.any(posterior, axis=1)
     categories = posterior.shape[1] - 1
-    out = np.zeros((len(posterior), categories), np.bool_)
-    if together and loud.any():
+    if together:
+        if not loud.any():
+            return []
         winner = int(np.log(np.maximum(posterior[loud], 1e-9)).sum(axis=0).argmax())
-        out[loud] = (np.arange(categories) == winner) | (winner == categories)
-    elif not together:
-        out = posterior[:, :-1] >= HEARD
-        out[loud & (posterior.argmax(axis=1) == categories)] = True
-    return out
-
-
-def rivals(heard: NDArray[np.bool_], *, together: bool) -> list[list[int]]:
-    """Categories whose tracks compete: all that are heard where one object sounds, else each by itself."""
-    some = [int(k) for k in np.flatnonzero(heard.any(axis=0))]
-    return ([some] if some else []) if together else [[k] for k in some]
+        return [(list(range(categories)) if winner == categories else [winner], loud)]
+    return [([k], posterior[:, k] >= HEARD) for k in range(categories) if (posterior[:, k] >= HEARD).any()]
 
 
 def _where(frame: Frame) -> str:

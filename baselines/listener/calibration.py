@@ -10,6 +10,7 @@ written into the file of weights, so that no test set takes part.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -117,9 +118,10 @@ def calibrate(
     raw = tuple(_sigmoid(warm * _logit(choice)) for choice in CHOICES)
     found = validate(network, store, bank, fabric, (*raw, *CHOICES), views)
     by_mask, by_class = found[: len(CHOICES)], found[len(CHOICES) :]
-    best = max(range(len(CHOICES)), key=lambda i: _worth(by_mask[i]))
-    category = max(range(len(CHOICES)), key=lambda i: by_class[i]["category_iou"] or 0.0)
-    calibration = Calibration(warm, named, CHOICES[best], CHOICES[category])
+    usual = Calibration()
+    threshold = _best([_worth(row) for row in by_mask], usual.threshold)
+    category = _best([row["category_iou"] for row in by_class], usual.category)
+    calibration = Calibration(warm, named, threshold, category)
     figures = {
         "pictures": len(views), "error_before": masks.error(), "error": masks.error(warm),
         "names_error_before": names.error(), "names_error": names.error(named),
@@ -129,9 +131,16 @@ def calibrate(
     return calibration, figures
 
 
-def _worth(figures: dict[str, float | None]) -> float:
-    iou, pairs, false = (figures[name] or 0.0 for name in ("iou", "pair_accuracy", "fp_rate"))
-    return iou + pairs - false
+def _worth(figures: dict[str, float | None]) -> float | None:
+    """None where nothing is to be marked."""
+    iou, pairs, false = (figures[name] for name in ("iou", "pair_accuracy", "fp_rate"))
+    return None if iou is None else iou + (pairs or 0.0) - (false or 0.0)
+
+
+def _best(worth: Sequence[float | None], otherwise: float) -> float:
+    """The first of `CHOICES` that is worth most; ``otherwise`` where there is nothing to choose by."""
+    known = [(value, -place) for place, value in enumerate(worth) if value is not None]
+    return CHOICES[-max(known)[1]] if known else otherwise
 
 
 def _logit(share: float) -> float:

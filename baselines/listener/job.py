@@ -20,6 +20,7 @@ from baselines.listener.calibration import calibrate
 from baselines.listener.card import RunMachine, write_result
 from baselines.listener.checkpoint import Settings
 from baselines.listener.model import SIZES
+from baselines.listener.shards import ShardStore
 from baselines.listener.steps import Result, Schedule
 from baselines.listener.training import CACHE, CALIBRATION, prepare, train
 from baselines.listener.weights import Calibration
@@ -86,13 +87,10 @@ def flushed() -> Iterator[None]:
         torch.set_flush_denormal(before)
 
 
-def calibration_of(job: TrainingOptions, result: Result, fabric: Any) -> tuple[Calibration, dict[str, Any]]:
-    """Of a finished run: on the shards that its options name, else on its validation homes; see `calibrate`."""
-    store = result.store
-    if job.calibrate_on is not None:
-        store = prepare(job.calibrate_on, job.folder / CALIBRATION, fabric, workers=job.workers)
-    bank = Bank(store, fabric.device)
-    return calibrate(result.network, store, bank, fabric, every_home=job.calibrate_on is not None)
+def calibration_of(result: Result, store: ShardStore | None, fabric: Any) -> tuple[Calibration, dict[str, Any]]:
+    """Of a finished run: on all homes of ``store``, else on the run's validation homes; see `calibrate`."""
+    used = store or result.store
+    return calibrate(result.network, used, Bank(used, fabric.device), fabric, every_home=store is not None)
 
 
 def run_job(job: TrainingOptions, precision: str, *, progress: bool = False) -> tuple[bool | None, int, int]:
@@ -112,7 +110,10 @@ def run_job(job: TrainingOptions, precision: str, *, progress: bool = False) -> 
         steps=job.steps or job.picture_steps + 1, picture_steps=job.picture_steps, batch=job.batch, rate=job.rate,
         homes=job.homes, seed=job.seed, widths=SIZES[job.size], without=tuple(sorted(set(job.without))),
     )  # fmt: skip
-    store = prepare(job.data, job.cache or job.folder / CACHE, fabric, workers=job.workers, progress=progress)
+    reading: dict[str, Any] = {"workers": job.workers, "progress": progress}
+    store = prepare(job.data, job.cache or job.folder / CACHE, fabric, **reading)
+    # Now, not after hours of training: the shards may be missing or damaged.
+    tuning = prepare(job.calibrate_on, job.folder / CALIBRATION, fabric, **reading) if job.calibrate_on else None
     if not job.steps:
         sampler = Sampler(store, job.batch // SOUNDS, job.seed, fabric.world_size, job.homes)
         settings = replace(settings, steps=job.picture_steps + max(1, round(job.epochs * sampler.steps)))
@@ -121,7 +122,7 @@ def run_job(job: TrainingOptions, precision: str, *, progress: bool = False) -> 
     schedule = Schedule(minutes=left, validate_every=job.validate_every, compile=job.compile)
     with flushed():
         result = train(store, job.folder, settings, fabric=fabric, schedule=schedule)
-        found = calibration_of(job, result, fabric) if result.finished else None
+        found = calibration_of(result, tuning, fabric) if result.finished else None
     if fabric.global_rank:
         return None, result.step, settings.steps
     if found is not None:

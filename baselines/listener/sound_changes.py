@@ -26,8 +26,9 @@ GAIN_DB = 6.0
 EQUALISED, TOGETHER_DB, APART_DB = 10, 3.0, 1.0
 #: Share of sounds with a strong response, its largest tilt from end to end, and depth and number of its notches (dB).
 COLOURED, TILT_DB, NOTCH_DB, NOTCHES = 0.6, 12.0, 12.0, 3
-#: Share of sounds whose spectrum ends early, where (Hz), and the order of the slope; the same of its beginning.
+#: Share of sounds whose spectrum ends early, where (Hz), and the same of its beginning.
 LIMITED, LOWPASS_HZ, HIGHPASSED, HIGHPASS_HZ = 0.5, (3000.0, 20_000.0), 0.3, (40.0, 400.0)
+#: Order of the slope at the end; at the beginning it is half of such a number.
 SLOPES = (2.0, 10.0)
 #: Noise under a sound, below its level (dB); noise instead of a sound, level re full scale (dB).
 NOISE_BELOW_DB, NOISE_ALONE_DB = (15.0, 50.0), (-90.0, -40.0)

@@ -71,13 +71,15 @@ def answers(
         of_view.setdefault(view, []).append(sound)
     training = network.training
     network.eval()
-    with torch.inference_mode(), fabric.autocast(), _no_search():
-        for view in views[fabric.global_rank :: fabric.world_size]:
-            batch = bank.gather(view_plan(store.table, view, of_view[view]), None)
-            cameras = batch.cameras.expand(len(batch.sounds), -1)
-            heard = hear(batch.sounds, cameras, (batch.pictures.shape[-2], batch.pictures.shape[-1]))
-            yield network(batch.pictures, heard), batch
-    network.train(training)
+    try:
+        with torch.inference_mode(), fabric.autocast(), _no_search():
+            for view in views[fabric.global_rank :: fabric.world_size]:
+                batch = bank.gather(view_plan(store.table, view, of_view[view]), None)
+                cameras = batch.cameras.expand(len(batch.sounds), -1)
+                heard = hear(batch.sounds, cameras, (batch.pictures.shape[-2], batch.pictures.shape[-1]))
+                yield network(batch.pictures, heard), batch
+    finally:
+        network.train(training)
 
 
 def validate(

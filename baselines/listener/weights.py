@@ -51,11 +51,14 @@ class Calibration:
         Raises:
             ValueError: if a temperature is not between .05 and 20, or a threshold not between 0 and 1.
         """
+        for name, number in asdict(self).items():
+            if type(number) not in (int, float):
+                raise ValueError(f"{name}: expected a number")
         for name in ("mask", "audible"):
-            if not 0.05 <= float(getattr(self, name)) <= 20:
+            if not 0.05 <= getattr(self, name) <= 20:
                 raise ValueError(f"{name}: expected a temperature between 0.05 and 20")
         for name in ("threshold", "category"):
-            if not 0 < float(getattr(self, name)) < 1:
+            if not 0 < getattr(self, name) < 1:
                 raise ValueError(f"{name}: expected a probability between 0 and 1")
         return self
 

@@ -13,6 +13,8 @@ from __future__ import annotations
 import csv
 import io
 import zipfile
+import zlib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +33,8 @@ TABLE_ENDINGS = (".csv", ".npz")
 _MOST_BYTES = 64 * 2**20
 #: Most numbers of an array: a compressed file may claim any size.
 _MOST_NUMBERS = 8_000_000
+#: What numpy and zipfile raise at files that are cut, damaged, encrypted, packed in another way, or claim any size.
+_BROKEN = (OSError, ValueError, TypeError, EOFError, RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error)
 _ARRAYS = ("amplitudes", "azimuths", "elevations")
 
 
@@ -62,7 +66,7 @@ def _of_csv(path: Path, data: bytes) -> dict[str, Any]:
     header = [cell.strip() for cell in rows[0][1]] if rows else []
     if header[:2] != ["azimuth", "elevation"] or len(header) < 3:
         raise Avs3dError(f"{path}: the header is {','.join(header)[:80]!r}, expected azimuth,elevation,125,250,…")
-    frequencies = [int(_number(path, rows[0][0], cell)) for cell in header[2:]]
+    frequencies = _centres(_number(path, rows[0][0], cell) for cell in header[2:])
     table = np.empty((len(rows) - 1, len(header)))
     for place, (line, row) in enumerate(rows[1:]):
         if len(row) != len(header):
@@ -114,10 +118,17 @@ def _of_npz(path: Path, data: bytes) -> dict[str, Any]:
             for name in (*_ARRAYS, "frequencies"):
                 if name in arrays:
                     found[name] = np.asarray(arrays[name], dtype=np.float64)
-    except (OSError, ValueError, TypeError, zipfile.BadZipFile) as error:
+    except _BROKEN as error:
         raise Avs3dError(f"{path}: no NPZ file of numbers ({error}); expected one of numpy.savez") from None
     missing = [name for name in _ARRAYS if name not in found]
     if missing:
         raise Avs3dError(f"{path}: has no array {missing[0]}; expected {', '.join(_ARRAYS)} and frequencies")
     frequencies = found.get("frequencies", np.array(BANDS[1:-1], dtype=np.float64)).reshape(-1)
-    return found | {"frequencies": [int(each) if each == int(each) else float(each) for each in frequencies.tolist()]}
+    if not np.isfinite(frequencies).all():
+        raise Avs3dError(f"{path}: frequencies have NaN or infinite values, expected the centres of octaves in Hz")
+    return found | {"frequencies": _centres(frequencies.tolist())}
+
+
+def _centres(frequencies: Iterable[float]) -> list[float]:
+    """Frequencies (Hz), whole ones as whole numbers: messages name them."""
+    return [int(each) if each == int(each) else each for each in frequencies]

@@ -17,10 +17,10 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import media
 from avs3d_bench.geometry import Intrinsics, Pose
 from baselines.cli import baseline
-from baselines.echosegnet.binaural import lateral_angle, woodworth_itd
 from baselines.foundation.protocols import TextMasks
 from baselines.foundation.tracks import ALONE, Sighting, join, sighting
 from tests.support import tiny
+from tests.support.delays import delayed
 from tests.support.shared import SharedDataset
 from tests.support.tiny_scenes import BOTH, FIRST, SILENT
 
@@ -112,25 +112,25 @@ def test_the_middle_and_the_bounds_of_a_mask() -> None:
 # ---- what is heard
 
 
+def events(posterior: Any, together: bool) -> list[tuple[list[int], list[bool]]]:
+    return [(members, frames.tolist()) for members, frames in run.heard_events(np.array(posterior), together=together)]
+
+
 def test_one_category_wins_where_one_object_sounds_all_the_time() -> None:
-    posterior = np.array([[0.5, 0.4, 0.1], [0.2, 0.7, 0.1], [0, 0, 0], [0.45, 0.5, 0.05]])
-    heard = run.heard_categories(posterior, together=True)
-    assert heard.tolist() == [[False, True], [False, True], [False, False], [False, True]]
-    assert run.rivals(heard, together=True) == [[1]]
+    posterior = [[0.5, 0.4, 0.1], [0.2, 0.7, 0.1], [0, 0, 0], [0.45, 0.5, 0.05]]
+    assert events(posterior, True) == [([1], [True, True, False, True])]
+    assert events(np.zeros((2, 3)), True) == events(np.zeros((2, 3)), False) == []
 
 
-def test_a_sound_without_a_name_leaves_all_categories_to_the_ears() -> None:
-    posterior = np.array([[0.1, 0.2, 0.7], [0.1, 0.3, 0.6]])
-    for together in (True, False):
-        heard = run.heard_categories(posterior, together=together)
-        assert heard.all()
-    assert run.rivals(heard, together=True) == [[0, 1]]
-    assert run.rivals(heard, together=False) == [[0], [1]]
+def test_a_sound_without_a_name_is_one_of_all_objects_where_an_object_sounds_and_none_in_part_3() -> None:
+    posterior = [[0.1, 0.2, 0.7], [0.1, 0.3, 0.6]]
+    assert events(posterior, True) == [([0, 1], [True, True])]
+    assert events(posterior, False) == [([1], [False, True])]
 
 
 def test_in_part_3_each_frame_names_what_it_hears() -> None:
-    posterior = np.array([[0.6, 0.35, 0.05], [0.9, 0.05, 0.05], [0, 0, 0]])
-    assert run.heard_categories(posterior, together=False).tolist() == [[True, True], [True, False], [False, False]]
+    posterior = [[0.6, 0.35, 0.05], [0.9, 0.05, 0.05], [0, 0, 0]]
+    assert events(posterior, False) == [([0], [True, True, False]), ([1], [True, False, False])]
 
 
 # ---- the choice, with networks that know
@@ -170,15 +170,6 @@ def with_truth(root: Path, key: str, **how: Any) -> tuple[tuple[Frame, ...], run
     return frames, run.Foundation(knows, knows, CPU), knows
 
 
-def delayed(place: np.ndarray[Any, Any], frame: Frame) -> np.ndarray[Any, Any]:
-    """A second of noise (2, n) from ``place`` as a sphere hears it from a frame's pose: delay and distance."""
-    here = frame.pose.to_camera(place)
-    spectrum = np.fft.rfft(np.random.default_rng(int(frame.index)).standard_normal(44_100))
-    turn = -2j * np.pi * np.fft.rfftfreq(44_100, 1 / 44_100) * woodworth_itd(lateral_angle(here))
-    both = np.stack([np.fft.irfft(spectrum * np.exp(turn)), np.fft.irfft(spectrum)]) / np.linalg.norm(here)
-    return both.astype(np.float32)
-
-
 @pytest.mark.parametrize("sounding", [1, 3])
 def test_the_ears_choose_between_twins(scenes: Path, monkeypatch: pytest.MonkeyPatch, sounding: int) -> None:
     """Two microwaves, the same pictures: only the delay between the ears tells which of them sounds."""
@@ -196,8 +187,9 @@ def test_the_ears_choose_between_twins(scenes: Path, monkeypatch: pytest.MonkeyP
         assert set(np.unique(prediction.categories)) <= {0, record.class_ids["microwave"]}
 
 
-def test_where_nothing_is_heard_nothing_is_looked_for(scenes: Path) -> None:
-    frames, model, knows = with_truth(scenes, SILENT)
+@pytest.mark.parametrize(("key", "other"), [(SILENT, False), (FIRST, True)])
+def test_where_no_category_is_heard_nothing_is_looked_for(scenes: Path, key: str, other: bool) -> None:
+    frames, model, knows = with_truth(scenes, key, other=other)
     assert not any(np.asarray(one.mask).any() for one in model(frames))
     assert not knows.texts
 
@@ -213,6 +205,13 @@ def test_a_sound_without_a_name_is_placed_by_the_ears_alone(shared_dataset: Shar
     (sounding,) = [one.id for one in record.instances if one.sounding]
     truth = [frame.instance_ids() == sounding for frame in frames]
     assert all((np.asarray(one.mask) == mask).all() for one, mask in zip(found, truth, strict=True))
+
+
+def test_clips_of_several_lengths_are_one_line(scenes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    frames, model, _ = with_truth(scenes, FIRST)
+    monkeypatch.setattr(Frame, "audio", lambda frame: np.ones((2, 44_100 - frame.index), np.float32))
+    with pytest.raises(Avs3dError, match=r"frame_\d+: a clip of shape \(2, \d+\), expected \(2, \d+\), two ears"):
+        model(frames)
 
 
 def test_networks_that_give_no_probabilities_are_one_line(scenes: Path) -> None:

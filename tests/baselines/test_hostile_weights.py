@@ -64,6 +64,8 @@ def saved(tmp_path: Path) -> Path:
         (with_widths(image=[-1] * 5), "image: expected whole numbers"),
         (with_widths(unknown=1), "unknown: expected true or false"),
         (lambda said: said | {"calibration": {"mask": 0}}, "mask: expected a temperature between 0.05 and 20"),
+        (lambda said: said | {"calibration": {"mask": "1"}}, "mask: expected a number"),
+        (lambda said: said | {"calibration": {"audible": float("nan")}}, "audible: expected a temperature"),
         (lambda said: said | {"calibration": {"threshold": 1.0}}, "threshold: expected a probability"),
         (with_widths(more=1), "description of the network is damaged"),
         (lambda said: said | {"widths": [1]}, "description of the network is damaged"),

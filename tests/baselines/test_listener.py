@@ -653,6 +653,16 @@ def test_the_command_trains_and_writes_weights_and_card(
     assert "Apache-2.0" in text
 
 
+def test_shards_for_the_calibration_are_read_before_the_first_step(data: Path, tmp_path: Path) -> None:
+    from baselines.listener.cli import train
+
+    command = ["listener", "--data", str(data), "-o", str(tmp_path / "run"), "--steps", "2", "--batch-size", "4",
+               "--accelerator", "cpu", "--workers", "1", "--calibrate-on", str(tmp_path / "none")]  # fmt: skip
+    with pytest.raises(Avs3dError, match="none"):
+        CliRunner().invoke(train, command, catch_exceptions=False)
+    assert not (tmp_path / "run" / CHECKPOINT).exists()
+
+
 def test_tiny_numbers_are_0_while_it_trains_and_no_longer() -> None:
     from baselines.listener.job import flushed
 

@@ -12,7 +12,15 @@ import pytest
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 
 from avs3d_bench.contract.taxonomy import CATEGORIES  # noqa: E402
-from baselines.listener import augment, direction, features, losses, picture_changes, sound_changes  # noqa: E402
+from baselines.listener import (  # noqa: E402
+    augment,
+    calibration,
+    direction,
+    features,
+    losses,
+    picture_changes,
+    sound_changes,
+)
 from baselines.listener.batches import UNKNOWN, SoundKind  # noqa: E402
 from baselines.listener.calibration import OddsHistogram  # noqa: E402
 from baselines.listener.cli import _CHANGES  # noqa: E402
@@ -140,6 +148,12 @@ def test_a_temperature_makes_sure_probabilities_true() -> None:
     counted.add(3 * odds, truth)
     assert counted.temperature() == pytest.approx(3, rel=0.05)
     assert counted.error(3.0) < 0.02 < 0.1 < counted.error()
+
+
+def test_the_first_of_the_best_thresholds_is_taken_and_the_usual_one_without_figures() -> None:
+    worth = [0.1, None, 0.7, 0.7, *[0.2] * 5]
+    assert calibration._best(worth, 0.5) == 0.3
+    assert calibration._best([None] * 9, 0.5) == 0.5
 
 
 def test_weights_keep_their_calibration_and_older_ones_have_none(tmp_path: Path) -> None:

@@ -68,6 +68,7 @@ def test_the_name_tells_files_of_one_name_apart(tmp_path: Path) -> None:
         ([HEADER, "0,0,1,1,1,1,1,loud"], "line 2 has 'loud', expected a finite number"),
         ([HEADER, "0,0,1,1,1,1,1,nan"], "line 2 has 'nan', expected a finite number"),
         ([HEADER.replace("250", "300"), *rows()], "octave 250 Hz is missing"),
+        ([HEADER.replace("125", "125.5"), *rows()], "octave 125 Hz is missing"),
         ([HEADER, *rows()[:3]], "azimuths from -180° to -180° leave a gap"),
     ],
 )
@@ -84,6 +85,15 @@ def test_a_wrong_csv_is_one_line_with_the_file(tmp_path: Path, lines: list[str],
         ({"azimuths": AZIMUTHS}, "has no array amplitudes"),
         ({"amplitudes": AMPLITUDES[:2], "azimuths": AZIMUTHS, "elevations": ELEVATIONS}, "have shape"),
         ({"amplitudes": np.array([None]), "azimuths": AZIMUTHS, "elevations": ELEVATIONS}, "no NPZ file of numbers"),
+        (
+            {
+                "amplitudes": AMPLITUDES,
+                "azimuths": AZIMUTHS,
+                "elevations": ELEVATIONS,
+                "frequencies": np.full(6, np.nan),
+            },
+            "frequencies have NaN",
+        ),
         ({"amplitudes": AMPLITUDES * np.nan, "azimuths": AZIMUTHS, "elevations": ELEVATIONS}, "NaN or infinite"),
     ],
 )
@@ -92,6 +102,17 @@ def test_a_wrong_npz_is_one_line_with_the_file(tmp_path: Path, arrays: dict[str,
     with pytest.raises(Avs3dError, match=message) as caught:
         Directivity.file(tmp_path / "a.npz")
     assert str(caught.value).startswith(str(tmp_path / "a.npz"))
+
+
+def test_a_packed_npz_with_changed_bytes_is_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    np.savez_compressed(path, amplitudes=AMPLITUDES, azimuths=AZIMUTHS, elevations=ELEVATIONS)
+    whole = path.read_bytes()
+    for place in range(72, 232, 8):  # of the first array
+        path.write_bytes(whole[:place] + b"\xff" * 8 + whole[place + 8 :])
+        with pytest.raises(Avs3dError, match="no NPZ file of numbers") as caught:
+            Directivity.file(path)
+        assert "\n" not in str(caught.value)
 
 
 def test_what_is_no_table_is_one_line(tmp_path: Path) -> None:

@@ -10,9 +10,10 @@ from generators.core.jit import CACHE_FOLDER, kernel_digest
 
 def main() -> None:
     """Bake a box, and make a small observation with each acoustic engine of numba; nothing if that was done before."""
-    done = CACHE_FOLDER / f"tests-{kernel_digest()}.compiled"
+    done = CACHE_FOLDER / kernel_digest() / "tests.compiled"  # beside what it says: they are deleted together
     if not done.exists():
         _compile()
+        done.parent.mkdir(exist_ok=True)
         done.touch()
 
 

@@ -60,7 +60,10 @@ def attempted(task: Task, listen: Listener) -> tuple[str, Any]:
     """What a worker says in the end."""
     with tempfile.TemporaryFile() as share, threadpool_limits(1):  # an empty file: no core is lent
         work = pickle.dumps((task.call, task.arguments, 0))
-        return child._attempt(_Connection(task.name, listen), share.fileno(), work)  # type: ignore[arg-type]
+        kind, found = child._attempt(_Connection(task.name, listen), share.fileno(), work)  # type: ignore[arg-type]
+    if kind == "failed" and "internal error: KeyboardInterrupt" in found[1]:
+        raise KeyboardInterrupt  # not that of a worker: the tests shall end
+    return kind, found
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar, cast
 
+from avs3d_bench.formats.atomic import atomic_path
 from avs3d_bench.runtime.file_lock import wait_for_lock
 
 T = TypeVar("T")
@@ -29,6 +30,8 @@ def made_once(name: str, make: Callable[[], T]) -> T:
     with wait_for_lock(folder / f"{name}.lock"):
         if not path.exists():
             made = make()
-            path.write_bytes(pickle.dumps(made, protocol=pickle.HIGHEST_PROTOCOL))
+            # Whole or not at all: the lock of a process that was killed is free.
+            with atomic_path(path) as temporary:
+                temporary.write_bytes(pickle.dumps(made, protocol=pickle.HIGHEST_PROTOCOL))
             return made
     return cast(T, pickle.loads(path.read_bytes()))
