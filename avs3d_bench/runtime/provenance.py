@@ -66,6 +66,15 @@ _ASSET = (
     "generators.library.simplify",
     "generators.library.store",
 )
+#: What answers questions by rules.
+_QUESTIONS = (
+    "avs3d_bench.exports.qa.templates",
+    "baselines.echosegnet.binaural",
+    "baselines.oracle",
+    "baselines.oracle_errors",
+    "baselines.questions",
+    "baselines.references",
+)
 #: Result → folders (with all that is below them) and modules whose sources it depends on. A method of `baselines` that
 #: is not listed depends on its own folder or module and on `CONTRACT`.
 RESULTS: Mapping[str, tuple[str, ...]] = {
@@ -119,6 +128,7 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
     ),
     "scores": (
         *CONTRACT,
+        "avs3d_bench.measures.centre_box",
         "avs3d_bench.measures.deaf_oracles",
         "avs3d_bench.measures.pair_kinds",
         "avs3d_bench.formats.predictions",
@@ -135,6 +145,27 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
         "baselines.oracle_errors",
     ),
     "baselines.denseav": (*CONTRACT, "baselines.denseav", "baselines.networks"),
+    "baselines.direction_alone": (
+        *CONTRACT,
+        "avs3d_bench.exports.samples",
+        "baselines.direction_alone",
+        "baselines.echosegnet",
+        "baselines.listener",
+        "baselines.networks",
+        "baselines.oracle",
+        "baselines.oracle_errors",
+        "baselines.sound_control",
+    ),
+    "baselines.foundation": (
+        *CONTRACT,
+        "baselines.echosegnet",
+        "baselines.foundation",
+        "baselines.networks",
+        "baselines.oracle",
+        "baselines.oracle_errors",
+        "baselines.owod_bind",
+        "baselines.sound_control",
+    ),
     "baselines.echosegnet": (
         *CONTRACT,
         "baselines.echosegnet",
@@ -151,6 +182,8 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
     ),
     "baselines.oracle": (*CONTRACT, "baselines.oracle", "baselines.oracle_errors"),
     "baselines.owod_bind": (*CONTRACT, "baselines.networks", "baselines.owod_bind"),
+    "baselines.questions": (*CONTRACT, *_QUESTIONS),
+    "baselines.questions_inspect": (*CONTRACT, *_QUESTIONS, "baselines.questions_inspect"),
     "baselines.references": (
         *CONTRACT,
         "baselines.echosegnet.binaural",
@@ -158,6 +191,7 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
         "baselines.oracle_errors",
         "baselines.references",
     ),
+    "baselines.trivial": (*CONTRACT, "avs3d_bench.measures.centre_box", "baselines.trivial"),
 }
 #: Parts of listed folders that do not count, except where a row lists them by name: commands, pages, comparisons.
 LEFT_OUT = frozenset(
@@ -178,8 +212,10 @@ LEFT_OUT = frozenset(
         "evaluators.metrics.conventions",
         "evaluators.metrics.inputs",
         "evaluators.metrics.pointing",
+        "evaluators.metrics.rir",
         "evaluators.metrics.soft",
         "evaluators.reading.convention_names",
+        "evaluators.questions",
         "evaluators.reading.mask_folders",
         "evaluators.statistics.comparison",
         "evaluators.statistics.curves",

@@ -53,6 +53,8 @@ _CELL, _WINDOW = 0.15, 0.1
 _DARKEST, _DARK = 0.002, 0.03
 #: A black level below this radiance (7 of 255) counts as none.
 _LEAST_BLACK = 0.005
+#: Share of the median above which the darkest points are no shadows. Fog of .05, which is much, leaves .2 in our rooms.
+_NOTHING_DARK = 0.3
 #: Distance of the points that look for clipped texels, metres, and the most points.
 _SPACING, _MOST_POINTS = 0.02, 400_000
 #: What lies this far round the rooms counts, metres.
@@ -285,13 +287,16 @@ def black_level(surfaces: LitSurfaces, rooms: tuple[Room, ...]) -> F32:
     """(3,) radiance that the pictures show where no light comes from.
 
     It is told by the darkest points in and around the rooms: what they show beyond the part of the median that they
-    have in pictures without flare. Where nothing in a room is dark, this part is larger, and the level too high.
+    have in pictures without flare. A room whose darkest points have more than `_NOTHING_DARK` of the median has nothing
+    dark in it, which would tell a level: 0.
     """
     points = _spread_points(surfaces, rooms)
     if points is None:
         return np.zeros(3, dtype=np.float32)
     radiance = albedo_at(surfaces, points.face, points.v, points.w)
     darkest, median = np.quantile(radiance, [_DARKEST, 0.5], axis=0)
+    if darkest.mean() > _NOTHING_DARK * median.mean():
+        return np.zeros(3, dtype=np.float32)
     level = (darkest - _DARK * median) / (1.0 - _DARK)
     return np.where(level >= _LEAST_BLACK, level, 0.0).astype(np.float32)
 

@@ -74,10 +74,12 @@ NOT_COUNTED = {
     "generators.library",
 }
 #: The same of one result. The listener reads shards for its training; its masks come from datasets.
+_SHARDS = {"avs3d_bench.exports", "avs3d_bench.exports.shard_files", "avs3d_bench.exports.shards"}
 ALSO_NOT_COUNTED = {
     "home": {"avs3d_bench.runtime.user_path"},
     "scores": {"avs3d_bench.contract.score_frames"},
-    "baselines.listener": {"avs3d_bench.exports", "avs3d_bench.exports.shard_files", "avs3d_bench.exports.shards"},
+    "baselines.direction_alone": _SHARDS,
+    "baselines.listener": _SHARDS,
 }
 
 

@@ -368,3 +368,17 @@ def test_no_face_of_a_scan_is_charted_edge_on() -> None:
     across = triangles[:, 1:] - triangles[:, :1]
     true = np.linalg.norm(np.cross(across[:, 0], across[:, 1]), axis=1)
     np.testing.assert_allclose(laid_out, true, rtol=1e-4)
+
+
+def test_a_room_without_anything_dark_tells_no_black_level(scan: Scene) -> None:
+    """Grey walls and things are no fog: what is placed there keeps its own colours."""
+    (part,) = scan.parts
+    materials = []
+    for material in part.mesh.materials:
+        assert material.texture is not None
+        grey = np.full_like(material.texture.pixels, 190)
+        grey[::2] = 140
+        materials.append(replace(material, texture=replace(material.texture, pixels=grey)))
+    pale = insert(replace(scan, parts=(replace(part, mesh=replace(part.mesh, materials=tuple(materials))),)), (coal(),))
+    assert pale.scan_light is not None
+    assert not pale.scan_light.black.any()
