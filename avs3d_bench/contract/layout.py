@@ -87,6 +87,8 @@ RELEASED_BYPRODUCTS = (
 FRAME_COUNT = 120
 IMAGE_SIZE = 1008
 SAMPLE_RATE = 44_100
+#: Clips stay below this peak of full scale, −1 dB: what encodes or resamples them may clip what is louder.
+PEAK_CEILING = 10 ** (-1 / 20)
 BINAURAL_SAMPLES = SAMPLE_RATE
 MONO_SAMPLES = 2 * SAMPLE_RATE
 FRAME_RATE = 1.0

@@ -16,8 +16,8 @@ from avs3d_bench.validation.findings import Findings, read
 
 #: A channel whose RMS is below this is silent (−120 dB of full scale).
 SILENCE = 1e-6
-#: Sound that reaches full scale counts as clipped; above −1 dBFS, what encodes or resamples it may clip it.
-FULL_SCALE, CEILING = 1.0, 10 ** (-1 / 20)
+#: Sound that reaches full scale counts as clipped.
+FULL_SCALE = 1.0
 #: Levels in observation.json: relative, and absolute for 16-bit files.
 RMS_TOLERANCE = (1e-3, 2e-5)
 
@@ -35,7 +35,7 @@ def check_peak(path: str, samples: NDArray[np.floating], findings: Findings) -> 
     peak = float(np.abs(samples).max(initial=0.0))
     if peak >= FULL_SCALE:
         findings.add(path, f"clipped: the peak is {peak:.3f} of full scale")
-    elif peak > CEILING:
+    elif peak > layout.PEAK_CEILING:
         findings.add(path, f"the peak is {20 * np.log10(peak):.2f} dBFS, expected −1 or less", "warning")
 
 

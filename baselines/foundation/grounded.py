@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from baselines.foundation.protocols import TextMasks
-from baselines.foundation.sam3 import ordered
-from baselines.foundation.still import masks_at, read_size
+from baselines.foundation.still import masks_at, ordered, read_size
 from baselines.networks.checkpoints import find_checkpoint, load_pretrained, loading, require_packages
 from baselines.networks.pixels import IMAGENET_MEAN, IMAGENET_STD, Picture, normalise, resize
 from baselines.owod_bind.boxes import corners_of

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baselines.foundation.protocols import TextMasks
-from baselines.foundation.still import masks_at, read_size
+from baselines.foundation.still import masks_at, ordered, read_size
 from baselines.networks.checkpoints import find_checkpoint, load_pretrained, loading, require_packages
 from baselines.networks.pixels import Picture, normalise, resize
 
@@ -65,12 +65,6 @@ class Sam3Segmenter:
             masks = masks_at(out.pred_masks[0][kept], (picture.shape[0], picture.shape[1]))
             found.append(ordered(masks, np.asarray(scores[kept].double().cpu().numpy())))
         return found
-
-
-def ordered(masks: Any, scores: Any) -> TextMasks:
-    """Masks (N, H, W) and scores (N,), the likeliest first, without empty masks."""
-    order = [k for k in np.argsort(-scores, kind="stable") if masks[k].any()]
-    return TextMasks(masks[order], scores[order])
 
 
 def _text_config(folder: Path) -> dict[str, Any]:

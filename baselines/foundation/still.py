@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from baselines.foundation.protocols import TextMasks
+
 if TYPE_CHECKING:
     import torch
 
@@ -27,3 +29,9 @@ def masks_at(logits: torch.Tensor, size: tuple[int, int]) -> NDArray[np.bool_]:
         return np.zeros((0, *size), np.bool_)
     full = torch.nn.functional.interpolate(logits[None].float(), size=size, mode="bilinear", align_corners=False)[0]
     return np.asarray((full > 0).cpu().numpy())
+
+
+def ordered(masks: Any, scores: Any) -> TextMasks:
+    """Masks (N, H, W) and scores (N,), the likeliest first, without empty masks."""
+    order = [k for k in np.argsort(-scores, kind="stable") if masks[k].any()]
+    return TextMasks(masks[order], scores[order])

@@ -18,8 +18,6 @@ from generators.plan import ObservationPlan
 #: Without sources, a background's SNR refers to this level (dB re full scale): about the mean level of one source in a
 #: room of the open benchmark (docs/part-3.md).
 REFERENCE_LEVEL_DB = -35.0
-#: What is lowered stays below this peak of full scale, −1 dB, which `avs3d validate` asks for.
-LOWERED_PEAK = 10 ** (-1 / 20)
 
 
 def make_background(
@@ -89,6 +87,6 @@ def mix(prepared: PreparedObservation, stems: Sequence[Clip], index: int, receiv
     """
     clip = mixture(stems, prepared.plan.options.receivers.channels[receiver] if receiver else 2)
     where = f"{prepared.plan.key}, frame {index}" + (f", {receiver}" if receiver else "")
-    most = LOWERED_PEAK if prepared.lowered_db else 1.0
+    most = layout.PEAK_CEILING if prepared.lowered_db else 1.0
     check_clip(clip, where, silence=prepared.rules.may_be_silent, most=most)
     return clip

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 
 from avs3d_bench.contract import layout
+from avs3d_bench.contract.layout import PEAK_CEILING
 from avs3d_bench.validation.seams import JUMP, SEAMS, border_jumps, check_seams
-from avs3d_bench.validation.sound import CEILING, BinauralClip, check_peak
+from avs3d_bench.validation.sound import BinauralClip, check_peak
 from generators.acoustics.clips import joined
 
 RATE = layout.SAMPLE_RATE
@@ -97,7 +98,7 @@ def test_silence_and_missing_clips_are_not_judged() -> None:
 @pytest.mark.parametrize(
     ("peak", "line"),
     [
-        (CEILING, None),
+        (PEAK_CEILING, None),
         (0.95, ("warning", "the peak is -0.45 dBFS, expected −1 or less")),
         (1.0, ("error", "clipped: the peak is 1.000 of full scale")),
     ],
