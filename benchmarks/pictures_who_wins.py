@@ -6,8 +6,8 @@ Makes both datasets (walks, sounds and masks are the same), runs the listener in
 EchoSegnet `official` and `spatial` on the listener's masks (`benchmarks.listener_tables`), and compares the strict IoU
 of each observation: path traced less baked for each method, and method less method on each kind of picture. The last
 rows answer the question: by how much the lead of one method over another changes with the pictures. What is there
-already is kept. On a CPU: few frames, 252², few paths (`--samples`); with one GPU: ``--device cuda --size 1008 --frames
-120 --samples 64 --iterations 7000``.
+already is kept. On a CPU: few frames, 252², few paths (`--samples`); with GPUs, all of which train: ``--device cuda
+--size 504 --frames 60 --samples 128 --iterations 1500 --max-gaussians 300000``.
 """
 
 from __future__ import annotations
@@ -66,14 +66,16 @@ def generate_here(root: Path, vision: Any, samples: int, **options: Any) -> None
         click.echo(f"{root.name}/{plan.key}: {time.process_time() - started:.0f} s CPU", err=True)
 
 
-def score(roots: Sequence[Path], scores: Path, *, device: str, iterations: int) -> None:
-    """Run and score the methods on the datasets.
+def score(roots: Sequence[Path], scores: Path, *, device: str, iterations: int, most: int | None) -> None:
+    """Run and score the methods on the datasets, with at most ``most`` Gaussians.
 
     Raises:
         Avs3dError: if one of them fails.
     """
     command = [sys.executable, "-m", "benchmarks.listener_tables", *map(str, roots), "-o", str(scores), "--rows", "2d"]
-    command += ["--work", str(scores / "work"), "--device", device, "--iterations", str(max(iterations, 1))]
+    command += ["--work", str(scores / "work"), "--iterations", str(max(iterations, 1))]
+    command += ["--device", device] if device == "cpu" else []  # else all GPUs
+    command += ["--max-gaussians", str(most)] if most else []
     command += ["--rows", "official", "--rows", "spatial"] if iterations else []
     if subprocess.run(command, check=False).returncode:
         raise Avs3dError(f"{' '.join(command[1:3])}: failed; see the lines above")
@@ -126,17 +128,26 @@ def comparisons(tables: Mapping[str, Table]) -> dict[str, dict[str, Any]]:
 @click.option("--frames", default=17, show_default=True, help="Of each observation; every eighth is a test frame.")
 @click.option("--samples", default=8, show_default=True, help="Paths per pixel.")
 @click.option("--iterations", default=0, show_default=True, help="Of EchoSegnet's training; 0: without EchoSegnet.")
+@click.option("--max-gaussians", "most", type=int, default=None, help="Cap on the number of Gaussians [none].")
 @click.option("--device", type=click.Choice(["cpu", "cuda"]), default="cpu", show_default=True)
 @click.option("--only", multiple=True, default=OBSERVATIONS, help="Keys of other observations; repeatable [twelve].")
 def main(
-    output: Path, record: Path, size: int, frames: int, samples: int, iterations: int, device: Any, only: Any
+    output: Path,
+    record: Path,
+    size: int,
+    frames: int,
+    samples: int,
+    iterations: int,
+    most: int | None,
+    device: Any,
+    only: Any,
 ) -> None:
     """Generate, score and compare."""
     roots = [output / name for name in PICTURES]
     try:
         for root in roots:
             generate_here(root, PICTURES[root.name], samples, size=size, frames=frames, device=device, only=only)
-        score(roots, output / "scores", device=device, iterations=iterations)
+        score(roots, output / "scores", device=device, iterations=iterations, most=most)
     except Avs3dError as error:
         raise click.ClickException(str(error)) from None
     methods = list(METHODS) if iterations else ["2d"]
@@ -147,7 +158,8 @@ def main(
     found = comparisons(tables)
     figures = {
         "settings": {
-            "size": size, "frames": frames, "samples": samples, "iterations": iterations, "device": device,
+            "size": size, "frames": frames, "samples": samples, "iterations": iterations, "max_gaussians": most,
+            "device": device,
             "note": homes_note([parse_key(key).scan for key in tables["baked"]["2d"]]),
         },
         "strict IoU": tables,
