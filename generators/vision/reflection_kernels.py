@@ -32,8 +32,9 @@ BOUNCES = 4
 BRIGHT = np.float32(0.2)
 #: Rays start this far off the surface (m).
 LIFT = np.float32(2e-4)
-#: The most radiance that one ray of a lobe brings.
-FIREFLY = np.float32(8.0)
+#: The most radiance that one ray of a lobe brings from a lamp much smaller than the lobe, and how far it may be
+#: exceeded: see `_most`.
+FIREFLY, STRATIFIED = np.float32(8.0), np.float32(4.0)
 #: How many times the mean of the others the brightest ray counts in an average.
 LONE = np.float32(6.0)
 #: Half-width of a lobe that a ray stands for in a look-up of textures, in units of α: rays of pixels around are near.
@@ -510,6 +511,18 @@ def _radiance_of(table: F32, display: np.float32) -> np.float32:
     return np.float32(table[i] + (x - np.float32(i)) * (table[i + 1] - table[i]))
 
 
+@inline
+def _most(area: np.float32, alpha: np.float32, distance: np.float32) -> np.float32:
+    """The most radiance that a ray of a lobe of width ``alpha`` brings from a lamp of ``area`` (m²).
+
+    Of the lobe's rays the share p meets the lamp, which is about its area over that of the lobe there. The mean over few
+    rays varies by √(1/p − 1) of itself: with a small lamp, rays that meet it by chance would be seen as dots. Pixels'
+    rays are stratified, which counts as `STRATIFIED` times as many.
+    """
+    across = max(WIDTH * alpha * distance, np.float32(1e-3))
+    return FIREFLY * (_ONE + STRATIFIED * area / (np.float32(math.pi) * across * across))
+
+
 @njit
 def follow(
     face: I32,
@@ -560,7 +573,7 @@ def follow(
     map_texels, map_offset, map_size, map_first, map_decode = tables.maps
     gains = tables.gains
     developed, glow, undeveloped = tables.developed, tables.glow, tables.undeveloped
-    view_distance, shown = tables.view_distance, tables.albedo
+    view_distance, shown, lamp_area = tables.view_distance, tables.albedo, tables.lamp_area
     count = 0
     for i in range(face.shape[0]):
         f, row = face[i], owner[i]
@@ -636,7 +649,8 @@ def follow(
                 lg += glow[surface, 1]
                 lb += glow[surface, 2]
             if cone[i, 2] > _ZERO:
-                lr, lg, lb = min(lr, FIREFLY), min(lg, FIREFLY), min(lb, FIREFLY)
+                most = _most(lamp_area[surface], cone[i, 2], distance[i])
+                lr, lg, lb = min(lr, most), min(lg, most), min(lb, most)
         seen[row, 0] += tr * lr
         seen[row, 1] += tg * lg
         seen[row, 2] += tb * lb

@@ -41,6 +41,7 @@ class SceneTables(NamedTuple):
         finish: (S, 4) float32 roughness, metallic, transmission, clearcoat.
         colour: (S, 3) float32 material colour.
         glow: (S, 3) float32 emission times `Scene.gains`, where something is shown in its place too.
+        lamp_area: (S,) float32 area of all that shines in the part (m²); 0 of what does not shine.
         gains: (3,) float32 `Scene.gains`.
         corner_normal: (F, 3, 3) float32: shading normal of corner 0, and the differences to it of corners 1 and 2.
         bumps: (S,) int32 normal map of ``maps``, −1 for none.
@@ -70,6 +71,7 @@ class SceneTables(NamedTuple):
     finish: F32
     colour: F32
     glow: F32
+    lamp_area: F32
     gains: F32
     corner_normal: F32
     bumps: I32
@@ -133,6 +135,7 @@ def build_tables(scene: Scene) -> tuple[SceneTables, F32]:
         finish=np.array([(m.roughness, m.metallic, m.transmission, m.clearcoat) for m in materials], dtype=np.float32),
         colour=np.array([material.colour for material in materials], dtype=np.float32),
         glow=glow,
+        lamp_area=np.concatenate([_lamp_area(part) for part in scene.parts]),
         gains=scene.gains.astype(np.float32),
         corner_normal=_relative(np.concatenate([mesh.normals for mesh in meshes])),
         bumps=np.array(bump_index, dtype=np.int32),
@@ -148,6 +151,15 @@ def build_tables(scene: Scene) -> tuple[SceneTables, F32]:
         textures=build_pool(unique),
     )
     return tables, triangles
+
+
+def _lamp_area(part: Part) -> F32:
+    """`SceneTables.lamp_area` of a part's materials: a window's panes are many materials, and one lamp."""
+    mesh = part.mesh
+    shines = np.array([max(material.emission) > 0.0 for material in mesh.materials])
+    corners = mesh.positions[shines[mesh.face_material]].astype(np.float64)
+    crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return (shines * (np.linalg.norm(crosses, axis=1).sum() / 2.0)).astype(np.float32)
 
 
 def _shine(material: Material, developed: bool) -> int:

@@ -293,5 +293,6 @@ def test_a_small_lamp_leaves_no_dots_on_a_satin_floor_and_a_window_keeps_its_lig
     plain = np.median(floor_under(0.01, 0.2))
     dots = floor_under(0.04, 60.0)
     assert dots.max() < 2.0 * plain
-    window = floor_under(4.0, 3.0)[60:68, 60:68]
-    assert window.mean() > 7.0 * plain
+    window, overexposed = (floor_under(4.0, light)[60:68, 60:68].mean() for light in (3.0, 36.0))
+    assert window > 7.0 * plain
+    assert overexposed == pytest.approx(12.0 * window, rel=0.1)
