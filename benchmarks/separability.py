@@ -7,7 +7,8 @@ spectrograms, are trained on seconds of *train* voices, dry and reverberant, and
 *test* voices and of recordings: as they are, and low-passed at 4, 8 and 16 kHz. In brackets: takes of ten seconds, over
 which the answers are averaged. A benchmark whose sounds a fingerprint solves would be near 100 % on test voices; one
 whose sounds say nothing of real ones would be at chance, 14 %, on recordings. A third recogniser has nothing but the
-mean spectrum from 10 to 20 kHz. The nearest neighbour's training seconds pass the same filter as those that are asked
+mean spectrum from 10 to 20 kHz. The nearest neighbour has a copy of each training second, too, with another response,
+floor and end of the spectrum; its training seconds pass the same filter as those that are asked
 about; the network is trained once, on spectra that end at random frequencies. It is also asked about each training
 voice after training on the others, which says how much of a miss is the distance between any two voices. FILE.json
 holds one run, so that all its rows have one size.
@@ -18,7 +19,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ from avs3d_bench.formats.files import write_json
 from avs3d_bench.runtime.parallel import process_each
 from benchmarks.voices import recordings
 from generators.assets.sounds import synthesise, voices
+from generators.assets.sounds.capture import KNOTS, shaped
 from generators.assets.sounds.recordings import resampled
 
 Array = NDArray[np.float64]
@@ -44,6 +46,8 @@ Recogniser = Callable[[Array], Array]
 
 #: Seconds of each unit of a voice.
 SECONDS = 10
+#: Networks whose answers are averaged.
+NETWORKS = 3
 #: Clips of a step of the network's training.
 _BATCH = 128
 #: Bands of the mel spectrogram, samples of a hop and of a window.
@@ -58,6 +62,9 @@ DEPTH = 6.0
 NEIGHBOURS = 15
 #: Added to the modulation before its logarithm is taken: what steady noise has.
 MODULATION_FLOOR = 0.3
+#: How the copies of training seconds differ: deviation of the response per octave (dB), floor (dB below the sound), its
+#: slope (dB per octave), share with an end of the spectrum, where it lies (Hz).
+COPY_DB, COPY_FLOOR_DB, COPY_SLOPE, COPY_ENDS, COPY_END = 2.0, (8.0, 45.0), (-7.0, 0.0), 0.5, (3000.0, 18_000.0)
 #: Share of clips with reverberation, decay times (s) and direct-to-reverberant ratios (dB).
 REVERBERANT, T60, DIRECT_DB = 0.5, (0.25, 0.9), (-9.0, 6.0)
 
@@ -80,10 +87,28 @@ class Clips:
         """The same clips through a filter."""
         return Clips(np.stack([change(clip) for clip in self.samples]), self.labels, self.names)
 
+    def with_copies(self, seed: int) -> Clips:
+        """The clips, and of each a copy with another response, floor and end of the spectrum."""
+        rng = np.random.default_rng(seed)
+        copies = np.stack([_copy(clip, rng) for clip in self.samples])
+        return Clips(np.concatenate([self.samples, copies]), np.tile(self.labels, 2), self.names * 2)
+
     @property
     def voices(self) -> NDArray[np.str_]:
         """(n,) ``category/voice`` of each clip."""
         return np.array([name.rsplit("/", 1)[0] for name in self.names])
+
+
+def _copy(clip: Array, rng: np.random.Generator) -> Array:
+    """The clip (n,) as a worse microphone in a louder room would have it, at the same level."""
+    level = np.sqrt(np.mean(np.square(clip)))
+    heard = shaped(clip, np.cumsum(rng.normal(0.0, COPY_DB, len(KNOTS))))
+    floor = shaped(rng.standard_normal(len(clip)), rng.uniform(*COPY_SLOPE) * np.log2(KNOTS / 1000.0))
+    below = 10 ** (-rng.uniform(*COPY_FLOOR_DB) / 20)
+    heard = heard + floor * (below * np.sqrt(np.mean(np.square(heard)) / np.mean(np.square(floor))))
+    if rng.random() < COPY_ENDS:
+        heard = low_pass(float(np.exp(rng.uniform(*np.log(COPY_END)))))(heard)
+    return np.asarray(heard * (level / np.sqrt(np.mean(np.square(heard)))))
 
 
 def of_voices(split: str, seed: int, units: int, workers: int | None) -> Clips:
@@ -299,6 +324,12 @@ class _Network:
         return np.asarray(torch.cat(parts).cpu().numpy(), dtype=np.float64)
 
 
+def _networks(train: Clips) -> Recogniser:
+    """The mean answer of networks that differ by their seeds: one alone varies by some points between seeds."""
+    trained = [_Network(train, seed=seed) for seed in range(NETWORKS)]
+    return lambda clips: np.asarray(np.mean([one.probabilities(clips) for one in trained], axis=0))
+
+
 def _changed(batch: Any, floor: float) -> Any:
     """Spectrograms (n, 1, MELS, frames) with another response, end of the spectrum and floor, one stretch hidden."""
     import torch
@@ -350,22 +381,24 @@ CHANGES: dict[str, Filter] = {
 }
 
 
-def left_out(train: Clips, known: Array) -> Array:
-    """(n, categories) answers of the nearest neighbour about each training voice, after training on the others.
+def left_out(train: Clips, known: Array, count: int) -> Array:
+    """(count, categories) answers of the nearest neighbour about each training voice, after training on the others.
 
     One voice of each category is left out at a time.
 
     Args:
-        train: the training seconds.
+        train: the training seconds, then their copies.
         known: (n, features) their features.
+        count: how many of them are asked about: the seconds without the copies.
     """
     of_category: dict[str, list[str]] = {}
     for voice in dict.fromkeys(train.voices):
         of_category.setdefault(voice.split("/")[0], []).append(voice)
-    out = np.zeros((len(known), len(CATEGORIES)))
-    for held in zip(*of_category.values(), strict=True):
-        asked = np.isin(train.voices, held)
-        out[asked] = nearest(known[~asked], train.labels[~asked], known[asked])
+    out = np.zeros((count, len(CATEGORIES)))
+    for held in zip_longest(*of_category.values()):
+        without = np.isin(train.voices, [voice for voice in held if voice])
+        asked = without[:count]
+        out[asked] = nearest(known[~without], train.labels[~without], known[:count][asked])
     return out
 
 
@@ -407,14 +440,15 @@ def measure(train: Clips, sets: Mapping[str, Clips], *, cnn: bool) -> dict[str, 
         cnn: train the network, too.
     """
     neighbour: dict[str, dict[str, Any]] = {which: {} for which in (*sets, LEFT_OUT)}
-    network = _Network(train).probabilities if cnn else None
+    network = _networks(train) if cnn else None
     of_network: dict[str, dict[str, Any]] = {which: {} for which in sets}
+    taught = train.with_copies(4)
     for name, change in CHANGES.items():
-        known = features(train.filtered(change).samples)
-        neighbour[LEFT_OUT][name] = verdict(left_out(train, known), train)
+        known = features(taught.filtered(change).samples)
+        neighbour[LEFT_OUT][name] = verdict(left_out(taught, known, len(train.labels)), train)
         for which, asked in sets.items():
             filtered = asked.filtered(change)
-            neighbour[which][name] = verdict(nearest(known, train.labels, features(filtered.samples)), filtered)
+            neighbour[which][name] = verdict(nearest(known, taught.labels, features(filtered.samples)), filtered)
             if network is not None:
                 of_network[which][name] = verdict(network(filtered.samples), filtered)
     top = top_octave(train)

@@ -28,11 +28,12 @@ def name_of(voice: Voice) -> str:
 
 
 @pytest.mark.parametrize("category", CATEGORIES)
-def test_a_category_has_twelve_devices_of_known_and_new_mechanisms(category: str) -> None:
+def test_a_category_has_at_least_twelve_devices_of_known_and_new_mechanisms(category: str) -> None:
     found = voices(category)
     splits = [voice.split for voice in found]
-    assert (splits.count("train"), splits.count("validation"), splits.count("test")) == (8, 1, 3)
-    assert len({voice.name for voice in found}) == len({voice.play for voice in found}) == 12
+    assert splits.count("train") >= 8
+    assert (splits.count("validation"), splits.count("test")) == (1, 3)
+    assert len({voice.name for voice in found}) == len({voice.play for voice in found}) == len(found)
     assert len({voice.mechanism for voice in found}) >= 3
     assert all(voice.category == category and voice.source and voice.kind == "synthesised" for voice in found)
     trained, tested = ({voice.mechanism for voice in found if voice.split == split} for split in ("train", "test"))

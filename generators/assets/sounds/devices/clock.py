@@ -31,4 +31,5 @@ VOICES: tuple[Voice, ...] = (
     _voice(escapements.carriage_lever, "test", "balance with jewelled lever", _RAWLINGS),
     _voice(electric.bedside_quartz, "train", "quartz stepper", _LAVET),
     _voice(electric.buzzer_alarm, "train", "synchronous motor and reed", _WARREN),
+    _voice(electric.kitchen_quartz, "train", "quartz stepper", _LAVET),
 )

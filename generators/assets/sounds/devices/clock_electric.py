@@ -234,3 +234,26 @@ def buzzer_alarm(count: int, rng: Generator) -> Array:
         + rng.uniform(0.3, 0.9) * reed / loud
         + 0.03 * sloped(count, rng, 200, 7000, -3.5)
     )
+
+
+def kitchen_quartz(count: int, rng: Generator) -> Array:
+    """Wall clock with a quartz stepper in a kitchen: steps over the noise of a room, the hum of a refrigerator.
+
+    Steps as in `wall_quartz`. Rooms at night have 20 to 30 dB(A), a clock's steps at 1 m as much: the floor lies 2 to
+    24 dB below the ticks in rms; it is broad (L. L. Beranek, "Balanced noise-criterion (NCB) curves", J. Acoust. Soc.
+    Am. 86 (1989) 650–664: about −5 dB per octave), with the hum of a compressor at times. Units: movement, dial, room.
+    """
+    period = 1.0 + rng.normal(0, 1e-5)
+    times = rng.uniform(0.0, 1.0) + np.arange(count // SAMPLE_RATE + 2) * period
+    times = times + rng.normal(0, 4e-4, len(times))
+    strokes = step_strokes(rng, rng.uniform(35, 85), rng.uniform(0.12, 0.4), rng.uniform(0.02, 0.05))
+    gears = plate(rng, rng.uniform(900, 2000), rng.uniform(5000, 11_000), 24, 0.03, slope=rng.uniform(-1.5, 0.5))
+    dial = plate(rng, 300, 3000, 22, rng.uniform(0.02, 0.05), slope=-1.2)
+    out = stepping(count, rng, times, strokes, [(gears, 6e-5, 1.0), (dial, 3e-4, rng.uniform(0.4, 2.0))])
+    room = sloped(count, rng, rng.uniform(50, 300), rng.uniform(4000, 12_000), rng.uniform(-6.0, -2.0))
+    room = room / max(float(room.std()), 1e-9) * expand(np.exp(wander(count, rng, 1.0, 0.15)), count)
+    pulse = mains_turns(count, rng, float(rng.choice([50.0, 60.0])))
+    hum = tones(pulse, count, {1: 0.4, 2: 1.0, 3: 0.2, 4: 0.3, 6: 0.15}, rng, 0.3)
+    hum = hum / max(float(hum.std()), 1e-9) * 10 ** (rng.uniform(-20.0, -2.0) / 20)
+    floor = room + hum if rng.random() < 0.4 else room
+    return np.asarray(out / max(float(out.std()), 1e-9) + 10 ** (rng.uniform(-24.0, -2.0) / 20) * floor)

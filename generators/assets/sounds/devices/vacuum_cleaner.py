@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.random import Generator
 
-from generators.assets.sounds.devices.vacuum_cleaner_battery import hand_brushed, robot, stick
+from generators.assets.sounds.devices.vacuum_cleaner_battery import car_plug_in, hand_brushed, robot, stick
 from generators.assets.sounds.devices.vacuum_cleaner_canisters import bagless_canister, straight_through
 from generators.assets.sounds.devices.vacuum_cleaner_parts import (
     Habit,
@@ -22,7 +22,7 @@ from generators.assets.sounds.devices.vacuum_cleaner_parts import (
     universal_motor,
     work,
 )
-from generators.assets.sounds.devices.vacuum_cleaner_pipes import central, wet_dry
+from generators.assets.sounds.devices.vacuum_cleaner_pipes import central, stretch_hose, wet_dry
 from generators.assets.sounds.fans import (
     Signal,
     cosine,
@@ -238,6 +238,7 @@ _UPRIGHTS = "T. A. Brungart, G. C. Lauchle and R. K. Ramanujam, Noise Control En
 _HANDHELDS = "T. A. Brungart and G. C. Lauchle, Noise Control Eng. J. 49(2) (2001) 73–78"
 _HOSES = "B. Rajavel and M. G. Prasad, Acoustics of corrugated pipes: a review, Applied Mechanics Reviews 65 (2013)"
 _CYCLONES = "T. A. Grimble and M. P. Juniper, Local linear stability analysis of cyclone separators, JFM (2017)"
+_COGGING = "N. Bianchi and S. Bolognani, IEEE Trans. Industry Applications 38 (2002) 1259–1265"
 _C = "vacuum_cleaner"
 
 VOICES: tuple[Voice, ...] = (
@@ -260,4 +261,6 @@ VOICES: tuple[Voice, ...] = (
     Voice(_C, "central_inlet", "test", "corrugated hose on a distant motor", _HOSES, central),
     Voice(_C, "bagless_canister", "train", "universal motor with cyclones", _CYCLONES, bagless_canister),
     Voice(_C, "straight_through", "train", "two-stage motor in a cloth bag's air", _SUCTION_UNITS, straight_through),
+    Voice(_C, "car_plug_in", "train", "direct-current motor with working fan", _COGGING, car_plug_in),
+    Voice(_C, "stretch_hose", "train", "corrugated hose beside its motor", _HOSES, stretch_hose),
 )

@@ -227,3 +227,45 @@ def robot(count: int, rng: Generator) -> Array:
         + 0.5 * debris(count, rng, drive, 12.0, 1500.0, 6000.0),
         dtype=np.float64,
     )
+
+
+def car_plug_in(count: int, rng: Generator) -> Array:
+    """A hand-held cleaner at a car's socket: a magnet motor on a radial wheel, crevice nozzle, a dull steel cavity.
+
+    Model: a permanent-magnet commutator motor at 12 V turns a wheel of 6 to 12 blades 190 to 330 times a second; its
+    slots (5 or 7) make torque at multiples of twice their number (N. Bianchi and S. Bolognani, IEEE Trans. Industry
+    Applications 38 (2002) 1259–1265: cogging torque has the least common multiple of slots and poles); the supply is
+    stiff, so the speed changes with the load of the nozzle alone. Cloth and carpet of the car take what lies above
+    some kilohertz, and the cabin booms below 150 Hz. Units: wheel, slots, nozzle, cabin.
+    """
+    take = work(
+        count, rng, Habit((6.0, 40.0), (0.4, 1.2), (1.0,), (0.2, 0.5), (0.4, 0.9), (0.5, 1.3), (3.0, 9.0), (4.0, 14.0))
+    )
+    top = rng.uniform(190.0, 330.0)
+    turns = turns_of(top * take.speed * (1.0 + slow(count, rng, 2.0, 0.004)), count, rng.random())
+    number, slots = int(rng.integers(6, 13)), int(rng.choice([5, 7]))
+    wheel = rotor(turns, blades(number, rng, rng.uniform(0.1, 0.4), 4, rng.uniform(0.35, 0.65)), rng, 1.2 * top)
+    cogging = rotor(turns, {1: 0.6, 2 * slots: 1.0, 4 * slots: 0.4}, rng, 1.2 * top, 0.25, 0.2)
+    air = noise(count, rng, turbulence(rng, rng.uniform(600.0, 1800.0), rng.uniform(4.5, 6.5), 3.5))
+    cabin = noise(count, rng, slopes([(50.0, 0.0), (150.0, -1.0), (600.0, -12.0), (3000.0, -30.0)]) + ripple(rng, 3.0))
+    crevice = noise(
+        count, rng, modes([(rng.uniform(900.0, 2600.0), 12.0, 20.0)]) + slopes([(400.0, -9.0), (6e3, -9.0)])
+    )
+    cloth = scraping(count, rng, take.motion * take.contact, rng.uniform(300.0, 900.0), 5.0, 4.0)
+    loud, full = expand(take.flow**2.5, count), expand(np.minimum(take.speed, 1.3) ** 2.5, count)
+    lining = slopes([(800.0, 0.0), (3000.0, -3.0), (12_000.0, rng.uniform(-16.0, -8.0))])
+    machine = (
+        air * loud
+        + decibels(rng.uniform(-7.0, 2.0)) * wheel * full
+        + decibels(rng.uniform(-16.0, -8.0)) * cogging * full
+        + decibels(rng.uniform(-9.0, -3.0)) * cloth
+    )
+    return np.asarray(
+        radiated(machine, housing(rng, 350.0, 3500.0, 9.0) + lining)
+        + decibels(rng.uniform(-12.0, -3.0)) * cabin * loud
+        + decibels(rng.uniform(-14.0, -6.0)) * crevice * expand(take.flow**2.5 * take.sealed, count)
+        + 0.5 * debris(count, rng, take.contact * take.motion * np.minimum(take.speed, 1.0), 25.0, 1000.0, 4500.0)
+        + surroundings(count, rng, take.speed)
+        + switch(count, rng, take.switched, 1.2),
+        dtype=np.float64,
+    )

@@ -9,6 +9,7 @@ from generators.assets.sounds.devices.vacuum_cleaner_parts import (
     Habit,
     debris,
     hose,
+    housing,
     scraping,
     surroundings,
     switch,
@@ -82,14 +83,14 @@ def wet_dry(count: int, rng: Generator) -> Array:
     )
 
 
-def _singing(count: int, rng: Generator, flow: Array) -> Signal:
+def _singing(count: int, rng: Generator, flow: Array, length: float) -> Signal:
     """Tones of a corrugated hose: vortices of the corrugations lock on one mode of the hose after another.
 
     Model: Strouhal number of 0.4 to 0.6 by the pitch of the corrugations; the frequency stays at a mode c/2L·n while
     the flow changes, then jumps (B. Rajavel and M. G. Prasad, "Acoustics of corrugated pipes: a review", Applied
     Mechanics Reviews 65 (2013); G. Nakiboğlu et al., J. Fluid Mech. (2011)).
     """
-    spacing = 343.0 / (2.0 * rng.uniform(6.0, 10.0))
+    spacing = 343.0 / (2.0 * length)
     wanted = rng.uniform(0.4, 0.6) * rng.uniform(26.0, 42.0) / rng.uniform(0.0075, 0.011) * flow
     wanted = wanted * (1.0 + slow(count, rng, 1.5, 0.01))
     nearest = np.round(wanted / (3.0 * spacing)) * 3.0 * spacing
@@ -126,7 +127,7 @@ def central(count: int, rng: Generator) -> Array:
     hiss = noise(count, rng, turbulence(rng, rng.uniform(3500.0, 6000.0), rng.uniform(5.0, 7.0), 6.0))
     shaft = turns_of(rng.uniform(290.0, 360.0) * take.speed, count, rng.random())
     motor = rotor(shaft, {1: 1.0, 2: 0.4, 3: 0.15, 6: 0.2}, rng, 420.0, 0.3, 0.1)
-    singing = _singing(count, rng, take.flow)
+    singing = _singing(count, rng, take.flow, rng.uniform(6.0, 10.0))
     strokes = scraping(count, rng, take.motion * take.contact, rng.uniform(300.0, 900.0), 4.0, 3.0)
     flaps = impacts(count, rng, 1.5 * take.motion, slopes([(150.0, -3.0), (600.0, 0.0), (4000.0, -15.0)]), 0.7, 0.06)
     loud = take.flow**2.5
@@ -141,5 +142,37 @@ def central(count: int, rng: Generator) -> Array:
         + 0.6 * debris(count, rng, take.contact * np.minimum(take.speed, 1.0), 25.0, 900.0, 5000.0)
         + surroundings(count, rng, take.speed)
         + switch(count, rng, take.switched, 1.0),
+        dtype=np.float64,
+    )
+
+
+def stretch_hose(count: int, rng: Generator) -> Array:
+    """A compact cleaner on a stretch hose: the hose sings while it is drawn out, a motor close by roars over it.
+
+    Model: as `central`, with a hose of 1.5 to 3.5 m whose corrugations sit beside the listener, and a universal motor
+    of 18 to 28 thousand rpm in the room (Čudina and Prezelj 2007). Drawing out the hose lengthens the pitch of the
+    corrugations, so tones jump more often than over a fixed one. Units: hose, motor, case, nozzle.
+    """
+    take = work(count, rng, Habit((15.0, 60.0), strokes=(0.3, 0.8), lift=(3.0, 10.0), seal=(6.0, 25.0)))
+    length = rng.uniform(1.5, 3.5)
+    shaft = rng.uniform(300.0, 470.0) * take.speed
+    motor = universal_motor(count, rng, shaft, int(rng.integers(6, 10)), rng.uniform(0.2, 0.6), rng.uniform(-9.0, 0.0))
+    air = noise(
+        count, rng, turbulence(rng, rng.uniform(450.0, 1300.0), rng.uniform(3.5, 5.5), 3.0) + hose(rng, length, 9.0)
+    )
+    case = noise(count, rng, turbulence(rng, rng.uniform(150.0, 350.0), rng.uniform(4.0, 6.0)))
+    drawn = np.clip(1.0 + 0.12 * take.push + slow(count, rng, 0.7, 0.05), 0.7, 1.3)
+    singing = _singing(count, rng, take.flow / drawn, length)
+    strokes = scraping(count, rng, take.motion * take.contact, rng.uniform(300.0, 1200.0), 4.5, 3.0)
+    loud = expand(take.flow**2.5, count)
+    return np.asarray(
+        air * loud
+        + decibels(rng.uniform(-8.0, 0.0)) * case * loud
+        + decibels(rng.uniform(-9.0, 0.0)) * radiated(motor, housing(rng, 200.0, 2600.0, 9.0))
+        + decibels(rng.uniform(-14.0, -4.0)) * singing
+        + decibels(rng.uniform(-12.0, -5.0)) * strokes
+        + 0.5 * debris(count, rng, take.contact * np.minimum(take.speed, 1.0), 20.0, 900.0, 4500.0)
+        + surroundings(count, rng, take.speed)
+        + switch(count, rng, take.switched, 1.2),
         dtype=np.float64,
     )
