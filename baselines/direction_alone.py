@@ -80,10 +80,10 @@ class DirectionMethod:
         poses = {view.name: view for view in walk}
         return [
             Prediction(self._of_points(frame, answer, points, category, poses.get(frame.name)))
-            for frame, answer in zip(frames, self._seen(frames), strict=True)
+            for frame, answer in zip(frames, self.seen(frames), strict=True)
         ]
 
-    def _seen(self, frames: Sequence[Frame]) -> list[Answer]:
+    def seen(self, frames: Sequence[Frame]) -> list[Answer]:
         """The network's answers; what it hears is not used."""
         out: list[Answer] = []
         for start in range(0, len(frames), BATCH):
@@ -101,7 +101,7 @@ class DirectionMethod:
             walk: train views.
         """
         walk = some_of(walk)
-        answers = self._seen([view.frame for view in walk])
+        answers = self.seen([view.frame for view in walk])
         points, labels, categories = candidates(walk, answers)
         if not len(points):
             return None
@@ -123,7 +123,7 @@ class DirectionMethod:
         """Frames of part_3: the candidates that sound in each second."""
         train = some_of(views.train_views(walk))
         used = sorted([*train, *views.test_views(walk)], key=lambda view: view.name)
-        answers = dict(zip([view.name for view in used], self._seen([view.frame for view in used]), strict=True))
+        answers = dict(zip([view.name for view in used], self.seen([view.frame for view in used]), strict=True))
         points, labels, categories = candidates(train, [answers[view.name] for view in train])
         sounding = self._sounding(points, labels, categories, used, [answers[view.name] for view in used])
         out = []
