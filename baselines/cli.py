@@ -346,8 +346,9 @@ def denseav(
     help="Whether the mean of looks at two sizes, also mirrored, decides, or one look, ten times as fast.",
 )  # fmt: skip
 @click.option(
-    "--answer", type=click.Choice(["sounding", "direction"]), default="sounding", show_default=True,
-    help="What the network says sounds, or, of all objects that it sees, the one from whose place the sound comes.",
+    "--answer", type=click.Choice(["sounding", "direction", "both"]), default="sounding", show_default=True,
+    help="What the network says sounds, frame by frame; or, of all objects that it sees, the one from whose place the "
+    "sound of the walk comes (direction), or from whose place it comes and whose name is heard (both).",
 )  # fmt: skip
 @click.option(
     "--calibrated/--uncalibrated", default=True, show_default=True,
@@ -377,8 +378,11 @@ def listener(
 
     require("baselines")
     model = load_method(weights, device=device, **how)
-    write = write_direction if answer == "direction" else write_listener
-    _done(write(Dataset(root), path, model, only=only, overwrite=overwrite, progress=sys.stderr.isatty()))
+    how = {"only": only, "overwrite": overwrite, "progress": sys.stderr.isatty()}
+    if answer == "sounding":
+        _done(write_listener(Dataset(root), path, model, **how))
+    else:
+        _done(write_direction(Dataset(root), path, model, cues=answer, **how))  # type: ignore[arg-type]
 
 
 @baseline.command(short_help="3D Gaussian splatting, lifted masks, refined by sound.")

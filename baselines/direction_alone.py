@@ -1,16 +1,18 @@
-"""Direction alone, no category: of all objects that the network sees, the one from whose place the sound comes.
+"""Of all objects that the network sees, the one from whose place the sound comes: by direction alone, or named too.
 
-What a sound is called takes no part: the row shows what two ears and a walk say by themselves. In part_1 and part_2:
+With ``direction`` what a sound is called takes no part: it shows what two ears and a walk say by themselves. With
+``both`` the candidate's category counts as well, by how probable it is that it is heard. In part_1 and part_2:
 
 1. The network marks objects of any category in the train frames, from the pictures alone.
 2. A voxel is part of an object if the frames that look at it agree that its pixel is one: a visual hull (A. Laurentini,
    "The visual hull concept for silhouette-based image understanding", IEEE Trans. PAMI 16 (1994) 150-162), softened,
    since furniture hides objects from some of the frames. Voxels of one category that touch are a candidate.
-3. The likelihood of what both ears heard along the walk chooses among the candidates (`echosegnet.spatial`).
+3. The likelihood of what both ears heard along the walk (`echosegnet.spatial`), times the probability that the
+   candidate's category is heard to the power of `NAMES`, chooses among the candidates.
 4. In a test frame, those marked components are kept that the chosen voxels are seen in.
 
-In part_3 sources come and go, so that each test frame is judged by its own second: the component whose lateral angle
-has most votes of the onsets (`listener.direction`), if it has nearly as many as the best angle of all.
+In part_3 sources come and go, and some are in no picture. There `echosegnet.activity` says which candidates sound in
+which second: each is on or off for some seconds, and places without a candidate explain what none of them does.
 """
 
 from __future__ import annotations
@@ -18,19 +20,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import label
 
-from avs3d_bench.contract.schema import AUDIBLE_LEVEL_DB
 from avs3d_bench.dataset import Dataset, Frame
 from avs3d_bench.method import Method, write_submission
 from avs3d_bench.submission import Prediction, SubmissionWriter
 from baselines.echosegnet import spatial, views
-from baselines.listener.masks import Answer, class_map, log_odds
+from baselines.echosegnet.heard_categories import cluster_activity
+from baselines.listener.masks import Answer, log_odds, logit
 from baselines.listener.predict import BATCH, ListenerMethod, camera_of, clip_of
 from baselines.networks.device import inference
 from baselines.sound_control import SAID
@@ -41,10 +43,17 @@ MOST_VIEWS = 40
 VOXEL, REACH, ABOVE, BELOW = 0.1, 4.0, 1.2, 1.7
 #: A voxel is part of an object if at least so many frames look at it, and of these this share sees an object.
 LEAST_VIEWS, AGREED = 3, 0.45
-#: Probability above which a pixel is an object of a category.
-OBJECT = 0.4
-#: In part_3, votes of a component re those of the best angle.
-NEARLY = 0.8
+#: Probability above which a pixel is an object of a category, and where the object is known to be.
+OBJECT, OBJECT_INSIDE = 0.4, 0.2
+#: Whether what a sound is called counts.
+Cues = Literal["direction", "both"]
+#: What names count beside directions, chosen on the homes of marks-tune.yaml and listen-tune.yaml: effective number of
+#: independent frames of a walk; weight in a second of part_3, whose prior is the probability of a category there.
+NAMES, NAMES_OF_A_SECOND, HEARD_PRIOR = 4.0, 0.5, 0.2
+#: Probabilities that a category is heard are cut here: the network is never that sure.
+LEAST_HEARD = 0.02
+#: Probability from which on a candidate is marked in a second of part_3.
+DECIDED = 0.5
 
 
 @dataclass(frozen=True)
@@ -53,26 +62,28 @@ class DirectionMethod:
 
     Attributes:
         model: of `listener.predict.load_method`.
+        cues: see `Cues`.
     """
 
     model: ListenerMethod
+    cues: Cues = "direction"
 
     def predictions(self, frames: Sequence[Frame]) -> list[Prediction]:
-        """Masks of the test frames of one observation."""
+        """Masks of the test frames of one observation, with class ids in part_3."""
+        walk = views.input_views(views.load_views(frames[0].observation))
         if frames[0].observation.is_part_3:
-            return [self._by_itself(frame, answer) for frame, answer in zip(frames, self._seen(frames), strict=True)]
-        found = self._chosen(frames)
-        answers = self._seen(frames)
+            return self._scenes(frames, walk)
+        found = self._chosen(views.train_views(walk))
         if found is None:
             return [Prediction(np.zeros(frame.rgb().shape[:2], np.bool_)) for frame in frames]
         points, category = found
-        poses = {view.name: view for view in views.input_views(views.load_views(frames[0].observation))}
+        poses = {view.name: view for view in walk}
         return [
             Prediction(self._of_points(frame, answer, points, category, poses.get(frame.name)))
-            for frame, answer in zip(frames, answers, strict=True)
+            for frame, answer in zip(frames, self.seen(frames), strict=True)
         ]
 
-    def _seen(self, frames: Sequence[Frame]) -> list[Answer]:
+    def seen(self, frames: Sequence[Frame]) -> list[Answer]:
         """The network's answers; what it hears is not used."""
         out: list[Answer] = []
         for start in range(0, len(frames), BATCH):
@@ -83,58 +94,95 @@ class DirectionMethod:
                 out += self.model.answers([frame.rgb() for frame in part], sounds, cameras)
         return out
 
-    def _chosen(self, frames: Sequence[Frame]) -> tuple[NDArray[np.float64], int] | None:
-        """(N, 3) voxels of the candidate that sounds, and its category (0-based); None without any candidate."""
-        walk = views.train_views(views.input_views(views.load_views(frames[0].observation)))
-        walk = tuple(walk[i] for i in np.linspace(0, len(walk) - 1, min(len(walk), MOST_VIEWS)).round().astype(int))
-        points, labels, categories = candidates(walk, self._seen([view.frame for view in walk]))
+    def _chosen(self, walk: Sequence[views.RegisteredView]) -> tuple[NDArray[np.float64], int] | None:
+        """(N, 3) voxels of the candidate that sounds, and its category (0-based); None without any candidate or sound.
+
+        Args:
+            walk: train views.
+        """
+        walk = some_of(walk)
+        answers = self.seen([view.frame for view in walk])
+        points, labels, categories = candidates(walk, answers)
         if not len(points):
             return None
-        clips = np.stack([clip_of(view.frame, self.model.hearing) for view in walk])
-        choice = spatial.choose(points, labels, walk, clips)
-        return points[choice.chosen], int(categories[choice.chosen][0])
+        choice = spatial.choose(points, labels, walk, self._clips(walk))
+        if not choice.heard:
+            return None
+        score = np.log(np.maximum(choice.posterior, 1e-300))
+        if self.cues == "both":
+            of_label = [categories[labels == label][0] for label in choice.labels]
+            score = score + NAMES * log_heard(answers).mean(axis=0)[of_label]
+        chosen = labels == choice.labels[score.argmax()]
+        return points[chosen], int(categories[chosen][0])
+
+    def _clips(self, walk: Sequence[views.RegisteredView]) -> NDArray[np.float32]:
+        """(T, 2, n) the sound of views."""
+        return np.stack([clip_of(view.frame, self.model.hearing) for view in walk])
+
+    def _scenes(self, frames: Sequence[Frame], walk: Sequence[views.RegisteredView]) -> list[Prediction]:
+        """Frames of part_3: the candidates that sound in each second."""
+        train = some_of(views.train_views(walk))
+        used = sorted([*train, *views.test_views(walk)], key=lambda view: view.name)
+        answers = dict(zip([view.name for view in used], self.seen([view.frame for view in used]), strict=True))
+        points, labels, categories = candidates(train, [answers[view.name] for view in train])
+        sounding = self._sounding(points, labels, categories, used, [answers[view.name] for view in used])
+        out = []
+        for frame in frames:
+            mask, ids = (np.zeros(frame.rgb().shape[:2], kind) for kind in (np.bool_, np.uint8))
+            place = next((n for n, view in enumerate(used) if view.name == frame.name), None)
+            for number in np.flatnonzero(sounding[place]) if place is not None else ():
+                one, category = labels == number, int(categories[labels == number][0])
+                found = self._of_points(frame, answers[frame.name], points[one], category, used[place])
+                mask, ids = mask | found, np.where(found, np.uint8(1 + category), ids)
+            out.append(Prediction(mask, ids))
+        return out
+
+    def _sounding(
+        self,
+        points: NDArray[np.float64],
+        labels: NDArray[np.int64],
+        categories: NDArray[np.int64],
+        walk: Sequence[views.RegisteredView],
+        answers: Sequence[Answer],
+    ) -> NDArray[np.bool_]:
+        """(T, K) whether each candidate sounds in each view of part_3; arguments as of and from `candidates`."""
+        if not len(points):
+            return np.zeros((len(walk), 0), np.bool_)
+        posterior = cluster_activity(points, labels, walk, self._clips(walk)).posterior
+        odds = log_odds(posterior.astype(np.float32))
+        if self.cues == "both":
+            of_label = [categories[labels == label][0] for label in range(posterior.shape[1])]
+            heard = log_odds(np.exp(log_heard(answers)).astype(np.float32), LEAST_HEARD)[:, of_label]
+            odds = odds + NAMES_OF_A_SECOND * (heard - logit(HEARD_PRIOR))
+        return np.asarray(odds > logit(DECIDED))
 
     def _of_points(
         self, frame: Frame, answer: Answer, points: NDArray[np.float64], category: int, view: Any
     ) -> NDArray[np.bool_]:
-        """(H, W) the components of a category that points are seen in."""
+        """(H, W) the components of a category that points are seen in; without any, where it is likely among them."""
         likely = answer.classes[1 + category]
         count, number = cv2.connectedComponents((likely > OBJECT).astype(np.uint8), connectivity=8)
-        touched = np.zeros(count, np.bool_)
+        touched, inside = np.zeros(count, np.bool_), np.zeros(likely.shape, np.bool_)
         if view is not None:
             cells, ahead = projected(points, view, likely.shape)
             hit, times = np.unique(number[cells[ahead, 1], cells[ahead, 0]], return_counts=True)
             touched[hit[times >= max(1, times.sum() // 20)]] = True
+            inside = silhouette(points, view, likely.shape)
         touched[0] = False
-        kept = np.where(touched[number], likely, 1e-6).astype(np.float32)
-        marker = replace(self.model, threshold=OBJECT)
-        return marker.mask(replace(answer, mask=log_odds(kept)), frame.rgb())
+        kept, threshold = np.where(touched[number], likely, 1e-6).astype(np.float32), OBJECT
+        if not touched.any():
+            kept, threshold = np.where(inside, likely, 1e-6).astype(np.float32), OBJECT_INSIDE
+        return replace(self.model, threshold=threshold).mask(replace(answer, mask=log_odds(kept)), frame.rgb())
 
-    def _by_itself(self, frame: Frame, answer: Answer) -> Prediction:
-        """A frame of part_3 by its own second."""
-        import torch
 
-        from baselines.listener import direction, features
+def some_of(walk: Sequence[views.RegisteredView]) -> tuple[views.RegisteredView, ...]:
+    """At most `MOST_VIEWS` of the views, evenly over the walk."""
+    return tuple(walk[i] for i in np.linspace(0, len(walk) - 1, min(len(walk), MOST_VIEWS)).round().astype(int))
 
-        picture, clip = frame.rgb(), clip_of(frame, self.model.hearing)
-        empty = np.zeros(picture.shape[:2], np.bool_)
-        objects = (1 - answer.classes[0]).astype(np.float32)
-        count, number = cv2.connectedComponents((objects > OBJECT).astype(np.uint8), connectivity=8)
-        audible = 10 * np.log10(np.square(clip).mean(axis=1).max() + 1e-20) > AUDIBLE_LEVEL_DB
-        if count < 2 or not audible:
-            return Prediction(empty, np.zeros_like(empty, np.uint8))
-        response = direction.steered_response(features.spectra(torch.from_numpy(clip)[None]))[0, direction.VOTES]
-        votes = response.numpy()
-        angles = direction.pixel_angles(torch.tensor([camera_of(frame)]), objects.shape)[0].numpy()
-        at = np.interp(angles, direction.angle_grid().numpy(), votes)
-        mean = np.array([at[number == each].mean() for each in range(1, count)])
-        best = int(mean.argmax())
-        if mean[best] < NEARLY * votes.max():
-            return Prediction(empty, np.zeros_like(empty, np.uint8))
-        kept = np.where(number == 1 + best, objects, 1e-6).astype(np.float32)
-        mask = replace(self.model, threshold=OBJECT).mask(replace(answer, mask=log_odds(kept)), picture)
-        every = replace(answer, audible=np.ones_like(answer.audible))
-        return Prediction(mask, class_map(mask, every))
+
+def log_heard(answers: Sequence[Answer]) -> NDArray[np.float64]:
+    """(T, categories) logarithm of the probability that each is heard, by name or as what has no name."""
+    return np.log(np.maximum(np.stack([answer.heard for answer in answers]).astype(np.float64), LEAST_HEARD))
 
 
 def candidates(
@@ -187,21 +235,36 @@ def projected(
     return cells, ahead
 
 
+def silhouette(points: NDArray[np.float64], view: views.RegisteredView, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Cells (h, w) of an answer of some shape that voxels around points (N, 3) cover, whatever stands before them."""
+    half = VOXEL / 2
+    corners = np.stack(np.meshgrid(*([-half, half],) * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    out = np.zeros(shape, np.uint8)
+    for eight in points[:, None] + corners:
+        cells, ahead = projected(eight, view, shape)
+        if ahead.any():
+            cv2.fillConvexPoly(out, cv2.convexHull(cells[ahead].astype(np.int32)), 1)
+    return out.astype(np.bool_)
+
+
 def write_direction(
     dataset: Dataset,
     path: str | Path,
     model: ListenerMethod,
     *,
+    cues: Cues = "direction",
     only: Iterable[str] = (),
     overwrite: bool = False,
     progress: bool = False,
     workers: int | None = 1,
 ) -> SubmissionWriter:
-    """Write the masks of the test frames by direction alone; see `listener.predict.write_listener`."""
+    """Write the masks of the test frames by direction, and by name with ``both``; see `predict.write_listener`."""
+    name = {"direction": "Direction alone, no category", "both": "Listener, name and direction"}[cues]
     method = Method(
-        ", ".join(filter(None, ("Direction alone, no category", SAID[model.hearing]))),
-        DirectionMethod(model).predictions,
-        notes=f"objects by the picture alone, chosen by both ears; weights {model.digest[:12]}",
+        ", ".join(filter(None, (name, SAID[model.hearing]))),
+        DirectionMethod(model, cues).predictions,
+        notes=f"objects by the picture alone, chosen by both ears{' and by name' * (cues == 'both')}; "
+        f"weights {model.digest[:12]}",
         entry="baselines.direction_alone:write_direction",
     )
     return write_submission(dataset, path, method, only=only, overwrite=overwrite, progress=progress, workers=workers)

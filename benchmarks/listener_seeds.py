@@ -27,7 +27,7 @@ from benchmarks.sound_rows import LISTEN_FIGURES, row_of
 #: Datasets of strict IoU in the docs: its name in files of scores → what differs.
 TESTS = {"open-s34-o7": "test voices", "open-s34-o7-excerpts": "recordings", "open-s34-o7-heads": "other heads"}
 #: Rows that need no other sound.
-ANSWERS = {"2d": "network", "direction": "direction"}
+ANSWERS = {"2d": "network", "direction": "direction", "both": "both"}
 #: What runs are called in the docs: name in files (empty: the three seeds) → title.
 RUNS = {"old": "former weights", "package": "package", "": "three seeds", "plain": "without new changes"}
 
@@ -105,7 +105,7 @@ def control_rows(found: Mapping[str, Any]) -> list[list[str]]:
             *(first(f"listen-{row.name}", "part_3", metric) for metric in ("twins", "pair_accuracy", "IoU")),
         ]
         for row in ROWS.values()
-        if row.kind == "listener" and row.name != "direction"
+        if row.kind == "listener" and row.answer == "sounding"
     ]
 
 

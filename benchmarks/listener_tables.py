@@ -42,11 +42,9 @@ if TYPE_CHECKING:
     from baselines.echosegnet.pipeline import Settings
     from baselines.echosegnet.voting_stage import Variant
 
-Kind = Literal["truth", "listener", "echosegnet"]
+Kind = Literal["truth", "listener", "controls", "echosegnet"]
 #: File with what was run, beside the scores.
 RUN_JSON = "listener-run.json"
-#: Setting of a row that hears its own sound and does not ask what it is called.
-DIRECTION = "direction"
 WRITER = "listener.predict:write_listener"
 #: Processes that share the GPUs for the rows in 2D, at most: decoding and writing pictures takes most of the time.
 MOST_WORKERS = 24
@@ -62,6 +60,7 @@ class Row:
         kind: what computes it; ``--rows`` takes kinds and names.
         setting: of what computes it: instance or deaf oracle, hearing, or variant.
         scenes: whether it is for part_3 alone.
+        answer: of ``avs3d baseline listener --answer``.
     """
 
     name: str
@@ -69,8 +68,21 @@ class Row:
     kind: Kind
     setting: str
     scenes: bool = False
+    answer: Literal["sounding", "direction", "both"] = "sounding"
 
 
+#: What other sound a row hears: name of the row → name of the control, title.
+_OTHER_SOUND = {
+    "no-sound": ("none", "without sound"),
+    "wrong-sound": ("other-category", "with wrong sound"),
+    "same-category": ("same-category", "with the same category in another home"),
+    "swapped-ears": ("swapped-ears", "with swapped ears"),
+    "both-ears-mean": ("both-ears-mean", "with the mean of both ears"),
+}
+_ANSWERS: dict[Literal["direction", "both"], str] = {
+    "direction": "direction alone, no category",
+    "both": "listener, name and direction",
+}
 ROWS = {
     row.name: row
     for row in (
@@ -78,18 +90,19 @@ ROWS = {
         Row("deaf-all", "deaf oracle: every instance", "truth", "all", scenes=True),
         Row("deaf-single", "deaf oracle: best single instance", "truth", "single", scenes=True),
         Row("2d", "listener, 2D", "listener", "own"),
-        Row("no-sound", "listener, 2D, without sound", "listener", "none"),
-        Row("wrong-sound", "listener, 2D, with wrong sound", "listener", "other-category"),
-        Row("same-category", "listener, 2D, with the same category in another home", "listener", "same-category"),
-        Row("swapped-ears", "listener, 2D, with swapped ears", "listener", "swapped-ears"),
-        Row("both-ears-mean", "listener, 2D, with the mean of both ears", "listener", "both-ears-mean"),
-        Row("direction", "direction alone, no category", "listener", DIRECTION),
+        *(Row(name, f"listener, 2D, {title}", "listener", control) for name, (control, title) in _OTHER_SOUND.items()),
+        *(Row(answer, title, "listener", "own", answer=answer) for answer, title in _ANSWERS.items()),
+        *(
+            Row(f"{answer}-{name}", f"{said}, {title}", "controls", control, answer=answer)
+            for answer, said in _ANSWERS.items()
+            for name, (control, title) in _OTHER_SOUND.items()
+        ),
         Row("no-aisrm", "listener + EchoSegnet without AISRM", "echosegnet", "no-aisrm"),
         Row("official", "listener + EchoSegnet official", "echosegnet", "official"),
         Row("spatial", "listener + EchoSegnet spatial", "echosegnet", "spatial"),
     )
 }
-KINDS = ("truth", "listener", "echosegnet")
+KINDS = ("truth", "listener", "controls", "echosegnet")
 
 
 @dataclass(frozen=True)
@@ -137,8 +150,10 @@ class Plan:
         found: dict[str, Any] = {"only": list(self.only)}
         if row.kind != "truth":
             found["weights"] = self.digest
-        if row.kind == "listener":
+        if row.kind in ("listener", "controls"):
             found |= {"refine": self.refine, "looks": self.looks}
+            if row.answer != "sounding":
+                found["answer"] = row.answer
         if row.kind == "echosegnet":
             from baselines.echosegnet.pipeline import is_relative
 
@@ -161,11 +176,13 @@ def _network(weights: Path | None, device: str, hearing: Any, refine: Any, looks
     return load_method(weights, device=device, hearing=hearing, refine=refine, looks=looks)
 
 
-def _predict(plan: Plan, hearing: str, frames: tuple[Frame, ...]) -> list[Prediction]:
+def _predict(plan: Plan, row: Row, frames: tuple[Frame, ...]) -> list[Prediction]:
     """Masks of test frames, in a worker process on one of the devices."""
     device = plan.devices[os.getpid() % len(plan.devices)]
-    network = _network(plan.weights, device, "own" if hearing == DIRECTION else hearing, plan.refine, plan.looks)
-    found: list[Prediction] = (DirectionMethod(network) if hearing == DIRECTION else network).predictions(frames)
+    network = _network(plan.weights, device, row.setting, plan.refine, plan.looks)
+    if row.answer != "sounding":
+        return DirectionMethod(network, row.answer).predictions(frames)
+    found: list[Prediction] = network.predictions(frames)
     return found
 
 
@@ -180,15 +197,10 @@ def write_row(dataset: Dataset, path: Path, row: Row, plan: Plan) -> None:
             write_deaf(dataset, path, row.setting, workers=plan.workers, **common)  # type: ignore[arg-type]
         else:
             write_oracle(dataset, path, instance="category", workers=plan.workers, **common)
-    elif row.kind == "listener":
-        hearing: Any = "own" if row.setting == DIRECTION else row.setting
-        notes = _network(plan.weights, "cpu", hearing, plan.refine, plan.looks).notes
-        method = Method(
-            row.title,
-            partial(_predict, plan, row.setting),
-            notes=notes,
-            entry=f"baselines.{'direction_alone:write_direction' if row.setting == DIRECTION else WRITER}",
-        )
+    elif row.kind in ("listener", "controls"):
+        notes = _network(plan.weights, "cpu", row.setting, plan.refine, plan.looks).notes
+        entry = f"baselines.{WRITER if row.answer == 'sounding' else 'direction_alone:write_direction'}"
+        method = Method(row.title, partial(_predict, plan, row), notes=notes, entry=entry)
         write_submission(dataset, path, method, workers=plan.workers, **common)
     else:
         _write_lifted(dataset, path, row, plan, common)
