@@ -33,10 +33,10 @@ def albedo_table() -> F32:
     view = np.stack([np.sqrt(1.0 - cosine**2), 0.0 * cosine, cosine], axis=-1)
     for row, roughness in enumerate(np.linspace(0.0, 1.0, ROUGHNESSES)):
         alpha = max(roughness**2, 1e-4)
-        half = _visible_normals(view, alpha, points)
+        half = visible_normals(view, alpha, points)
         along = np.einsum("ijk,ijk->ij", np.broadcast_to(view, half.shape), half)
         out = 2.0 * along * half[..., 2] - cosine
-        seen, lit = _lambda(cosine, alpha), _lambda(np.clip(out, 1e-6, 1.0), alpha)
+        seen, lit = smith_lambda(cosine, alpha), smith_lambda(np.clip(out, 1e-6, 1.0), alpha)
         weight = np.where(out > 0.0, (1.0 + seen) / (1.0 + seen + lit), 0.0)
         grazing = (1.0 - np.clip(along, 0.0, 1.0)) ** 5
         table[row, :, 0] = (weight * (1.0 - grazing)).mean(axis=1)
@@ -55,17 +55,22 @@ def dielectric_albedo(roughness: float) -> float:
     return float(np.interp(roughness, rows, (towards * 2.0 * cosine).mean(axis=1)))
 
 
-def _lambda(cosine: NDArray[np.float64], alpha: float) -> NDArray[np.float64]:
+def smith_lambda(cosine: NDArray[np.float64], alpha: float | NDArray[np.float64]) -> NDArray[np.float64]:
     """Smith's Λ of GGX at an angle to the normal."""
     return np.asarray((np.sqrt(1.0 + alpha**2 * (1.0 / cosine**2 - 1.0)) - 1.0) / 2.0)
 
 
-def _visible_normals(view: NDArray[np.float64], alpha: float, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(C, S, 3) normals that are visible from ``view`` (C, 1, 3), x–z plane, for points (S, 2) in the unit square."""
-    v = view * [alpha, alpha, 1.0]
+def visible_normals(
+    view: NDArray[np.float64], alpha: float | NDArray[np.float64], points: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(C, S, 3) normals that are visible from ``view`` (C, 1, 3), x–z plane, of a lobe ``alpha`` or (C, 1).
+
+    ``points`` (S, 2) or (C, S, 2) lie in the unit square.
+    """
+    v = view * np.stack(np.broadcast_arrays(alpha, alpha, 1.0), axis=-1)
     v /= np.linalg.norm(v, axis=-1, keepdims=True)
     x, z = v[..., 0], v[..., 2]
-    radius, angle = np.sqrt(points[:, 0]), 2.0 * np.pi * points[:, 1]
+    radius, angle = np.sqrt(points[..., 0]), 2.0 * np.pi * points[..., 1]
     t1, t2 = radius * np.cos(angle), radius * np.sin(angle)
     s = 0.5 * (1.0 + z)
     t2 = (1.0 - s) * np.sqrt(1.0 - t1**2) + s * t2

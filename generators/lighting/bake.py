@@ -22,6 +22,7 @@ from generators.lighting.direct import direct_light, emitter_pairs, shadow_rays
 from generators.lighting.emitters import BRIGHT, Emitters, bright_patches, find_emitters
 from generators.lighting.exposure import expose
 from generators.lighting.gather import BLOCK_CHUNK, CHUNK, open_texels
+from generators.lighting.glints import glints
 from generators.lighting.insertion import insert
 from generators.lighting.interpolation import Slow
 from generators.lighting.lit_scene import LitScene
@@ -104,7 +105,13 @@ def bake(scene: Scene, *, quality: str = "standard", workers: int = 2, device: s
     is_open = open_texels(surfaces, texels, tiles, tracer, workers)
     blocks = tiles.where(is_open)
     bare, variance = _direct(texels, blocks, emitters, tracer, workers)
-    bare += _sunlight(texels, blocks, beam, tracer, preset, workers)
+    sunlight = _sunlight(texels, blocks, beam, tracer, preset, workers)
+    bare += sunlight
+    if beam is not None:
+        thrown, noise, sends = glints(surfaces, sheet, texels, blocks, sunlight, beam, tracer)
+        # What has been thrown is not handed on diffusely as well.
+        texels = _without_specular(surfaces, texels, sends, sunlight, bare)
+        bare, variance = bare + thrown, variance + noise
     patches, sampled = _patches(texels, blocks, bare, preset, workers)
     link_tracer = LinkTracer(surfaces, sheet, texels, blocks, tracer, workers)
     links = link_tracer.trace(preset.block_rays)
@@ -159,6 +166,15 @@ def _sunlight(texels: Texels, blocks: Blocks, beam: Sun | None, tracer: Tracer, 
 
     in_chunks(work, len(blocks), BLOCK_CHUNK * tracer.calls_together, workers)
     return light
+
+
+def _without_specular(surfaces: LitSurfaces, texels: Texels, sends: NDArray[np.bool_], part: F32, whole: F32) -> Texels:
+    """Texels that reflect of ``part`` (N, 3) of their light ``whole`` diffusely alone, where it ``sends`` the rest."""
+    rows = np.flatnonzero(sends)
+    share = part[rows].mean(axis=1) / np.maximum(whole[rows].mean(axis=1), 1e-12)
+    albedo = texels.albedo.copy()
+    albedo[rows] -= (share * surfaces.specular[surfaces.material[texels.face[rows]]])[:, None]
+    return replace(texels, albedo=np.maximum(albedo, np.float32(0.0)))
 
 
 def _patches(texels: Texels, blocks: Blocks, direct: F32, preset: Quality, workers: int) -> tuple[Emitters, F32]:

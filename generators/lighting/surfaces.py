@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -39,10 +40,11 @@ class LitSurfaces:
         face_normal: (F, 3) float32 unit geometric normals (zero for a degenerate face).
         uv: (F, 3, 2) float32 texture coordinates.
         part: (F,) int32 index of the part.
-        material: (F,) int32 index into the five following.
+        material: (F,) int32 index into the six following.
         colour: (M, 3) float32 albedo factor.
         specular: (M,) float32 share of a uniform light that a dielectric's surface reflects besides; 0 of metals, whose
             colour is all that they reflect. In the bake, this light goes on diffusely, too.
+        roughness: (M,) float32, the mean of a map of it.
         emission: (M, 3) float32 radiance.
         glass: (M,) bool, whether it sounds like glass: the panes of windows do.
         image: (M, 3) int64: offset into ``pixels``, rows, columns of the material's texture.
@@ -57,6 +59,7 @@ class LitSurfaces:
     material: I32
     colour: F32
     specular: F32
+    roughness: F32
     emission: F32
     glass: NDArray[np.bool_]
     image: NDArray[np.int64]
@@ -75,6 +78,7 @@ class LitSurfaces:
         face_normal = np.where(length > 0, cross / np.where(length > 0, length, 1.0), 0.0).astype(np.float32)
         colour: list[tuple[float, float, float]] = []
         specular: list[float] = []
+        roughness: list[float] = []
         emission: list[tuple[float, float, float]] = []
         glass: list[bool] = []
         image: list[tuple[int, int, int]] = []
@@ -87,6 +91,7 @@ class LitSurfaces:
             for m in part.mesh.materials:
                 colour.append(m.colour)
                 specular.append((1.0 - m.metallic) * dielectric_albedo(m.roughness))
+                roughness.append(m.roughness * _mean_roughness(m.roughness_map))
                 emission.append(m.emission)
                 glass.append(m.acoustic == "glass")
                 if m.texture is None:
@@ -108,11 +113,18 @@ class LitSurfaces:
             material=np.concatenate(material).astype(np.int32),
             colour=np.array(colour, dtype=np.float32),
             specular=np.array(specular, dtype=np.float32),
+            roughness=np.array(roughness, dtype=np.float32),
             emission=np.array(emission, dtype=np.float32),
             glass=np.array(glass, dtype=bool),
             image=np.array(image, dtype=np.int64),
             pixels=np.concatenate(pixels),
         )
+
+
+@lru_cache(maxsize=256)
+def _mean_roughness(texture: Texture | None) -> float:
+    """Mean of the roughness in a map of it, 1 without one."""
+    return 1.0 if texture is None else float(texture.pixels[..., 1].mean()) / 255.0
 
 
 def _reduced(texture: Texture, limit: int) -> F32:

@@ -513,14 +513,14 @@ def _radiance_of(table: F32, display: np.float32) -> np.float32:
 
 @inline
 def _most(area: np.float32, alpha: np.float32, distance: np.float32) -> np.float32:
-    """The most radiance that a ray of a lobe of width ``alpha`` brings from a lamp of ``area`` (m²).
+    """The most radiance that a ray of a lobe of width ``alpha`` (0: a mirror) brings from a lamp of ``area`` (m²).
 
-    Of the lobe's rays the share p meets the lamp, which is about its area over that of the lobe there. The mean over few
-    rays varies by √(1/p − 1) of itself: with a small lamp, rays that meet it by chance would be seen as dots. Pixels'
-    rays are stratified, which counts as `STRATIFIED` times as many.
+    Of the lobe's rays the share p meets the lamp, which is about its area over that of the lobe there. The mean over
+    few rays varies by √(1/p − 1) of itself: with a small lamp, rays that meet it by chance would be seen as dots.
+    Pixels' rays are stratified, which counts as `STRATIFIED` times as many.
     """
-    across = max(WIDTH * alpha * distance, np.float32(1e-3))
-    return FIREFLY * (_ONE + STRATIFIED * area / (np.float32(math.pi) * across * across))
+    across = WIDTH * alpha * distance
+    return FIREFLY * (_ONE + STRATIFIED * area / max(np.float32(math.pi) * across * across, _TINY))
 
 
 @njit
@@ -645,12 +645,10 @@ def follow(
                 r, g, b = gains[0] * r, gains[1] * g, gains[2] * b
                 lr, lg, lb = kept * red * r, kept * green * g, kept * blue * b
             if side > _ZERO:
-                lr += glow[surface, 0]
-                lg += glow[surface, 1]
-                lb += glow[surface, 2]
-            if cone[i, 2] > _ZERO:
                 most = _most(lamp_area[surface], cone[i, 2], distance[i])
-                lr, lg, lb = min(lr, most), min(lg, most), min(lb, most)
+                lr += min(glow[surface, 0], most)
+                lg += min(glow[surface, 1], most)
+                lb += min(glow[surface, 2], most)
         seen[row, 0] += tr * lr
         seen[row, 1] += tg * lg
         seen[row, 2] += tb * lb

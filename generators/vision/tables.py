@@ -159,7 +159,7 @@ def _lamp_area(part: Part) -> F32:
     shines = np.array([max(material.emission) > 0.0 for material in mesh.materials])
     corners = mesh.positions[shines[mesh.face_material]].astype(np.float64)
     crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return (shines * (np.linalg.norm(crosses, axis=1).sum() / 2.0)).astype(np.float32)
+    return np.asarray(shines * (np.linalg.norm(crosses, axis=1).sum() / 2.0), dtype=np.float32)
 
 
 def _shine(material: Material, developed: bool) -> int:
