@@ -35,7 +35,7 @@ from generators.assets.mtl import ROUGHNESS, mtl_look
 from generators.assets.objects.design import Design, Mount, Point
 from generators.assets.objects.finishes import to_linear, to_srgb
 from generators.assets.shapes import corner_normals
-from generators.core.scene import Licence, Material, Mesh, Texture
+from generators.core.scene import F32, Licence, Material, Mesh, Texture
 
 Array = NDArray[np.float64]
 
@@ -96,6 +96,8 @@ _SHADED_MOST = 300_000
 _TILE = 64
 #: Above this number of faces, plain face normals replace the slow `corner_normals` (a loop over vertices).
 _SMOOTH_LIMIT = 60_000
+#: Faces that are worked on at a time in double precision: of a whole scan, that would be gigabytes.
+_BLOCK = 1 << 16
 
 
 def load_mesh(
@@ -131,11 +133,12 @@ def load_mesh(
         if flat:
             raise Avs3dError(f"{file}: every face of {flat} is degenerate (no area); repair the mesh")
         raise Avs3dError(f"{file}: has no faces (an empty scene, or points and lines only); expected triangles")
-    positions = np.concatenate([p.positions for p in pieces])
+    positions = _joined([p.positions for p in pieces])
     materials = tuple({id(p.materials[0]): p.materials[0] for p in pieces}.values())
     order = {id(material): index for index, material in enumerate(materials)}
     face_material = np.concatenate([p.face_material + order[id(p.materials[0])] for p in pieces])
     labels = np.array([m.acoustic for m in materials], dtype=object)[face_material]
+    sound: Array | F32
     if twin == "surface" and len(positions) <= max_acoustic_faces:
         sound, names = positions, tuple(labels)
     else:
@@ -143,8 +146,8 @@ def load_mesh(
         sound, names = reduced(positions.astype(np.float64), labels.astype(str))
     mesh = Mesh(
         positions=positions,
-        normals=np.concatenate([p.normals for p in pieces]),
-        uv=np.concatenate([p.uv for p in pieces]),
+        normals=_joined([p.normals for p in pieces]),
+        uv=_joined([p.uv for p in pieces]),
         face_material=face_material.astype(np.int32),
         materials=materials,
         acoustic_positions=sound.astype(np.float32, copy=False),
@@ -152,6 +155,11 @@ def load_mesh(
     )
     mesh.check(str(file))
     return mesh
+
+
+def _joined(arrays: list[F32]) -> F32:
+    """The rows of some arrays, one array as itself: of a large scan, a copy is hundreds of megabytes."""
+    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
 
 
 def open_scene(file: Path, *, textures: bool = True) -> Any:
@@ -330,30 +338,45 @@ def _piece(file: Path, name: str, part: Any, matrix: Array, acoustic: str, known
     linear_part = matrix[:3, :3]
     if np.linalg.det(linear_part) < 0:  # a mirrored node reverses the winding of its faces
         faces = faces[:, ::-1]
-    triangles = vertices[faces]
-    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    span = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
+    cross = _crosses(vertices, faces)
+    used = np.zeros(len(vertices), dtype=bool)
+    used[faces.reshape(-1)] = True
+    span = float(np.ptp(vertices[used], axis=0).max())
     keep = np.linalg.norm(cross, axis=1) > 1e-14 * max(span, 1e-12) ** 2
     if not keep.any():
         return None
-    triangles, faces, cross = triangles[keep], faces[keep], cross[keep]
+    kept = np.flatnonzero(keep)
+    if len(kept) < len(faces):
+        faces, cross = faces[keep], cross[keep]
     if "vertex_normals" in part._cache:  # only in this case the normals come from the file
         given = np.asarray(part.vertex_normals, dtype=np.float64) @ np.linalg.inv(linear_part)
         normals = _unit(given[faces], cross)
-    elif len(triangles) <= _SMOOTH_LIMIT:
-        normals = corner_normals(triangles)
+    elif len(faces) <= _SMOOTH_LIMIT:
+        normals = corner_normals(vertices[faces])
     else:
-        normals = _unit(np.repeat(cross[:, None], 3, axis=1), cross)
-    material, uv = _surface(file, name, part, triangles, faces, np.flatnonzero(keep), acoustic, known)
+        flat = cross / np.linalg.norm(cross, axis=1, keepdims=True)
+        normals = np.repeat(flat.astype(np.float32)[:, None], 3, axis=1)
+        del flat
+    del cross
+    material, uv = _surface(file, name, part, vertices, faces, kept, acoustic, known)
     return Mesh(
-        positions=triangles.astype(np.float32),
-        normals=normals.astype(np.float32),
-        uv=uv.astype(np.float32),
-        face_material=np.zeros(len(triangles), dtype=np.int32),
+        positions=vertices.astype(np.float32)[faces],
+        normals=normals.astype(np.float32, copy=False),
+        uv=uv.astype(np.float32, copy=False),
+        face_material=np.zeros(len(faces), dtype=np.int32),
         materials=(material,),
         acoustic_positions=np.zeros((0, 3, 3), dtype=np.float32),
         acoustic_labels=(),
     )
+
+
+def _crosses(vertices: Array, faces: NDArray[np.int64]) -> Array:
+    """(F, 3) normals of the faces (F, 3), twice as long as the faces are large."""
+    out = np.empty((len(faces), 3))
+    for first in range(0, len(faces), _BLOCK):
+        corner = vertices[faces[first : first + _BLOCK]]
+        out[first : first + _BLOCK] = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    return out
 
 
 def _unit(normals: Array, cross: Array) -> Array:
@@ -368,23 +391,24 @@ def _surface(
     file: Path,
     name: str,
     part: Any,
-    triangles: Array,
+    vertices: Array,
     faces: NDArray[np.int64],
     kept: NDArray[np.int64],
     acoustic: str,
     known: _Known,
-) -> tuple[Material, Array]:
+) -> tuple[Material, Array | F32]:
     """The material of a geometry and its (F, 3, 2) texture coordinates."""
     gltf = file.suffix.lower() in (".glb", ".gltf")
     visual = part.visual
-    uv = np.zeros((len(faces), 3, 2))
+    uv: Array | F32 = np.zeros((len(faces), 3, 2))
     kind = getattr(visual, "kind", None)
     if kind in ("vertex", "face"):
-        texture, uv = (
-            _shaded(np.asarray(visual.vertex_colors, dtype=np.float64)[faces, :3], triangles, name, gltf)
-            if kind == "vertex" and len(faces) <= _SHADED_MOST
-            else _palette(visual, name, faces, kept, gltf)
-        )
+        if kind == "vertex" and len(faces) <= _SHADED_MOST:
+            colours = np.asarray(visual.vertex_colors, dtype=np.float64)[faces, :3]
+            texture, uv = _shaded(colours, vertices[faces], name, gltf)
+        else:
+            texture, centre = _palette(visual, name, faces, kept, gltf)
+            uv = np.repeat(centre.astype(np.float32)[:, None], 3, axis=1)
         fresh = Material(name, _sounds_like(name, acoustic), texture=texture, roughness=ROUGHNESS)
         return known.materials.setdefault(id(visual), fresh), uv
     source = getattr(visual, "material", None)
@@ -397,7 +421,7 @@ def _surface(
         if len(faces) > _SHADED_MOST:
             colours[:] = colours.mean(axis=1, keepdims=True)
         plain = _material(file, source, name, gltf, acoustic, _Known())
-        texture, uv = _shaded(colours, triangles, name, gltf)
+        texture, uv = _shaded(colours, vertices[faces], name, gltf)
         plain = replace(plain, texture=texture, normal_map=None, roughness_map=None)
         return known.materials.setdefault(id(visual), plain), uv
     material = known.materials.get(id(source))
@@ -523,12 +547,18 @@ def _compact(number: NDArray[np.int64]) -> NDArray[np.int64]:
 def _palette(
     visual: Any, name: str, faces: NDArray[np.int64], kept: NDArray[np.int64], gltf: bool
 ) -> tuple[Texture, Array]:
-    """Vertex or face colours as a texture with one texel per colour; a face gets the mean of its corners."""
+    """Vertex or face colours as a texture with one texel per colour, and where (F, 2) that of each face is.
+
+    A face gets the mean of its corners' colours.
+    """
     if visual.kind == "vertex":
-        colours = np.asarray(visual.vertex_colors, dtype=np.float64)[faces, :3].mean(axis=1)
+        given = np.asarray(visual.vertex_colors, dtype=np.float64)[:, :3]
     else:
-        colours = np.asarray(visual.face_colors, dtype=np.float64)[kept, :3]
-    pixels = to_srgb(colours / 255) if gltf else np.round(colours).astype(np.uint8)
+        given, faces = np.asarray(visual.face_colors, dtype=np.float64)[:, :3], kept[:, None]
+    pixels = np.empty((len(faces), 3), dtype=np.uint8)
+    for first in range(0, len(faces), _BLOCK):
+        colours = given[faces[first : first + _BLOCK]].mean(axis=1)
+        pixels[first : first + _BLOCK] = to_srgb(colours / 255) if gltf else np.round(colours).astype(np.uint8)
     # One number for each colour: rows would be compared as records, thirty times as slowly.
     codes, index = np.unique(pixels @ np.array([1 << 16, 1 << 8, 1], dtype=np.int32), return_inverse=True)
     side = int(np.ceil(np.sqrt(len(codes))))
@@ -536,7 +566,7 @@ def _palette(
     image[: len(codes)] = codes[:, None] >> np.array([16, 8, 0]) & 255
     index = index.reshape(-1)
     centre = np.stack([(index % side + 0.5) / side, 1 - (index // side + 0.5) / side], axis=1)
-    return Texture(f"{name}_colours", image.reshape(side, side, 3)), np.repeat(centre[:, None], 3, axis=1)
+    return Texture(f"{name}_colours", image.reshape(side, side, 3)), centre
 
 
 def _sounds_like(name: str, default: str) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,13 +20,31 @@ def distinct_rows(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[n
     Returns:
         (M,) the first row of each set, sets in ascending order, and (N,) which set a row is in.
     """
-    order = np.lexsort(keys.T[::-1])  # stable: equal rows keep their order
-    ordered = keys[order]
+    order, ordered = _sorted_rows(keys)
     fresh = np.ones(len(keys), dtype=bool)
     fresh[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
     inverse = np.empty(len(keys), dtype=np.int64)
     inverse[order] = np.cumsum(fresh) - 1
     return order[fresh], inverse
+
+
+def _sorted_rows(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The ascending order (N,) of rows (N, K), in which equal ones keep theirs, and the rows in it.
+
+    Rows whose numbers fit together into 63 bits come back as one number each, (N, 1): a third of the memory.
+    """
+    low = keys.min(axis=0, initial=0).tolist()
+    span = [high - least + 1 for high, least in zip(keys.max(axis=0, initial=0).tolist(), low, strict=True)]
+    if math.prod(span) >= 1 << 63:
+        order = np.lexsort(keys.T[::-1])
+        return order, keys[order]
+    code = np.zeros(len(keys), dtype=np.int64)
+    for column, (least, size) in enumerate(zip(low, span, strict=True)):
+        code *= size
+        code += keys[:, column]
+        code -= least
+    order = np.argsort(code, kind="stable")
+    return order, code[order, None]
 
 
 def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -19,6 +19,8 @@ from avs3d_bench.errors import Avs3dError, did_you_mean, excerpt
 F32 = NDArray[np.float32]
 I32 = NDArray[np.int32]
 
+#: Faces that are moved at a time: in double precision, without such a copy of a whole scan.
+_BLOCK = 1 << 16
 #: White balance that changes nothing.
 NEUTRAL = (1.0, 1.0, 1.0)
 
@@ -108,14 +110,20 @@ class Mesh:
         """The mesh after p → rotation · (scale · p) + translation."""
         r = np.asarray(rotation, dtype=np.float64)
 
-        def move(points: F32) -> F32:
-            return ((points.astype(np.float64) * scale) @ r.T + translation).astype(np.float32)
+        def turned(vectors: F32, factor: float = 1.0, by: NDArray[np.float64] | None = None) -> F32:
+            out = np.empty(vectors.shape, dtype=np.float32)
+            for first in range(0, len(vectors), _BLOCK):
+                block = (vectors[first : first + _BLOCK].astype(np.float64) * factor) @ r.T
+                out[first : first + _BLOCK] = block if by is None else block + by
+            return out
 
+        positions = turned(self.positions, scale, translation)
+        same = self.acoustic_positions is self.positions
         return replace(
             self,
-            positions=move(self.positions),
-            acoustic_positions=move(self.acoustic_positions),
-            normals=(self.normals.astype(np.float64) @ r.T).astype(np.float32),
+            positions=positions,
+            acoustic_positions=positions if same else turned(self.acoustic_positions, scale, translation),
+            normals=turned(self.normals),
         )
 
     def check(self, name: str) -> None:

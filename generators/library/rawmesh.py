@@ -328,8 +328,8 @@ def _painted(
     """Vertex or face colours as a texture with one texel per colour (see `generators.assets.meshfile`)."""
     from generators.assets.meshfile import _palette
 
-    texture, uv = _palette(visual, name, faces, kept, file.suffix.lower() in (".glb", ".gltf"))
-    return PartSurface(name, (1.0, 1.0, 1.0), texture.pixels), uv
+    texture, centre = _palette(visual, name, faces, kept, file.suffix.lower() in (".glb", ".gltf"))
+    return PartSurface(name, (1.0, 1.0, 1.0), texture.pixels), np.repeat(centre[:, None], 3, axis=1)
 
 
 def corners(parts: tuple[RawPart, ...]) -> Array:

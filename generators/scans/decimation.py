@@ -9,16 +9,21 @@ which are divided again, because a face of the copy has one colour: that of the 
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 from dataclasses import replace
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from avs3d_bench.errors import Avs3dError
 from avs3d_bench.runtime.imports import needing
 from generators.assets.acoustic_twin import weld
-from generators.core.scene import Mesh
+from generators.core.scene import F32, I32, Mesh
 
 #: Scans of more faces are decimated, to about so many: those of a room are then some 1 cm wide.
 DENSE, RAY_FACES = 2_000_000, 1_000_000
@@ -26,6 +31,16 @@ DENSE, RAY_FACES = 2_000_000, 1_000_000
 _WELD = 1e-3
 #: Longest edge of the copy, in sides of the square that would be its mean face; how often a face is halved for it.
 _LONGEST, _HALVINGS = 4.0, 20
+#: What `_by_quadric_error` runs: its folder, the number of faces and the path of modules are the arguments.
+_PROGRAM = """
+import json, sys
+folder, target, sys.path[:] = sys.argv[1], int(sys.argv[2]), json.loads(sys.argv[3])
+import fast_simplification, numpy
+arrays = (numpy.load(f"{folder}/{name}.npy") for name in ("points", "faces"))
+points, faces = fast_simplification.simplify(*arrays, target_count=target)
+numpy.save(f"{folder}/points_out.npy", points)
+numpy.save(f"{folder}/faces_out.npy", faces)
+"""
 #: At most so many of the scan's faces, evenly chosen, are asked for the colour and the material of the copy's.
 _ASKED = 2 * RAY_FACES
 
@@ -47,7 +62,7 @@ def for_rays(mesh: Mesh) -> ScanMesh:
         The copy, whose acoustic faces are its own, and ``mesh`` without any.
 
     Raises:
-        Avs3dError: if fast-simplification is not installed.
+        Avs3dError: if fast-simplification is not installed, or fails.
     """
     if len(mesh.positions) <= DENSE:
         return ScanMesh(mesh, None)
@@ -77,19 +92,40 @@ def _simplified(triangles: NDArray[np.float32], target: int) -> NDArray[np.float
     """About ``target`` faces (F, 3, 3) that stand for ``triangles`` (N, 3, 3)."""
     from trimesh.remesh import subdivide_to_size
 
-    with needing("decimating a dense scan", "pip install fast-simplification"):
-        import fast_simplification  # type: ignore[import-untyped]
     few = triangles[:: -(-len(triangles) // target)].astype(np.float64)
     usual = float(np.median(np.linalg.norm(few[:, 1] - few[:, 0], axis=1)))
-    vertices, faces = weld(triangles, _WELD * usual)  # type: ignore[arg-type]  # half the memory of float64
-    # Its thresholds are lengths: in usual edges, they do not depend on the unit of the file.
-    points, faces = fast_simplification.simplify(
-        (vertices / np.float32(usual)).astype(np.float32), faces.astype(np.int32), target_count=target
-    )
+    vertices, welded = weld(triangles, _WELD * usual)  # type: ignore[arg-type]  # half the memory of float64
+    # The package's thresholds are lengths: in usual edges, they do not depend on the unit of the file.
+    small = (vertices / np.float32(usual)).astype(np.float32)
+    points, faces = _by_quadric_error(small, welded.astype(np.int32), target)
     corners = points[faces].astype(np.float64)
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
     longest = _LONGEST * float(np.sqrt(area / len(faces)))
-    points, faces = subdivide_to_size(  # type: ignore[no-untyped-call]
+    divided, faces = subdivide_to_size(  # type: ignore[no-untyped-call]
         points.astype(np.float64), faces, longest, max_iter=_HALVINGS
     )
-    return np.asarray((points * usual)[faces].astype(np.float32))
+    return np.asarray((divided * usual)[faces].astype(np.float32))
+
+
+def _by_quadric_error(points: F32, faces: I32, target: int) -> tuple[F32, I32]:
+    """Vertices (V, 3) and about ``target`` faces (F, 3), by a process of its own.
+
+    The package's arrays are global (250 bytes a face): in this process, they would stay until it ends.
+
+    Raises:
+        Avs3dError: if the package is missing or the process fails, e.g. because memory is short.
+    """
+    with needing("decimating a dense scan", "pip install fast-simplification"):
+        import fast_simplification  # type: ignore[import-untyped]  # noqa: F401
+    with TemporaryDirectory(prefix="avs3d-") as folder:
+        np.save(f"{folder}/points.npy", points)
+        np.save(f"{folder}/faces.npy", faces)
+        words = [sys.executable, "-c", _PROGRAM, folder, str(target), json.dumps(sys.path)]
+        done = subprocess.run(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, check=False)
+        if done.returncode:
+            last = done.stderr.decode(errors="replace").strip().splitlines()[-1:] or [f"exit code {done.returncode}"]
+            raise Avs3dError(
+                f"a scan of {len(faces):,} faces cannot be decimated ({last[0]}); give it more memory, or export the "
+                "scan with fewer faces"
+            )
+        return np.load(f"{folder}/points_out.npy"), np.load(f"{folder}/faces_out.npy")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -122,7 +123,7 @@ def build_tables(scene: Scene) -> tuple[SceneTables, F32]:
         normal=normal,
         gradient=gradient,
         uv=_relative(uv),
-        light_uv=np.concatenate([_light_uv(part) for part in scene.parts]),
+        light_uv=_light_uv(scene.parts),
         surface=np.concatenate(
             [mesh.face_material + np.int32(first_surface[i]) for i, mesh in enumerate(meshes)], dtype=np.int32
         ),
@@ -213,15 +214,22 @@ def _check_light(light: LightMap, faces: int, name: str) -> None:
 
 
 def _relative(corners: F32) -> F32:
-    """Corner 0 and the differences of corners 1 and 2 to it: what barycentric coordinates multiply."""
-    return np.concatenate([corners[:, :1], corners[:, 1:] - corners[:, :1]], axis=1)
+    """Corner 0 and the differences of corners 1 and 2 to it, in place: what barycentric coordinates multiply."""
+    corners[:, 1:] -= corners[:, :1]
+    return corners
 
 
-def _light_uv(part: Part) -> F32:
-    if part.light is None:
-        return np.zeros((len(part.mesh.positions), 3, 2), dtype=np.float32)
-    height, width = part.light.texels.shape[:2]
-    return _relative(part.light.uv * np.array([width, height], dtype=np.float32))
+def _light_uv(parts: Sequence[Part]) -> F32:
+    """(F, 3, 2) `SceneTables.light_uv`; memory that stays zero is not touched."""
+    out = np.zeros((sum(len(part.mesh.positions) for part in parts), 3, 2), dtype=np.float32)
+    first = 0
+    for part in parts:
+        last = first + len(part.mesh.positions)
+        if part.light is not None:
+            height, width = part.light.texels.shape[:2]
+            out[first:last] = _relative(part.light.uv * np.array([width, height], dtype=np.float32))
+        first = last
+    return out
 
 
 def _frames(triangles: F32, uv: F32) -> tuple[F32, F32]:
