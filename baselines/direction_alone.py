@@ -126,15 +126,15 @@ class DirectionMethod:
         answers = dict(zip([view.name for view in used], self.seen([view.frame for view in used]), strict=True))
         points, labels, categories = candidates(train, [answers[view.name] for view in train])
         sounding = self._sounding(points, labels, categories, used, [answers[view.name] for view in used])
+        place = {view.name: number for number, view in enumerate(used)}
         out = []
         for frame in frames:
-            mask, ids = (np.zeros(frame.rgb().shape[:2], kind) for kind in (np.bool_, np.uint8))
-            place = next((n for n, view in enumerate(used) if view.name == frame.name), None)
-            for number in np.flatnonzero(sounding[place]) if place is not None else ():
+            ids = np.zeros(frame.rgb().shape[:2], np.uint8)
+            for number in np.flatnonzero(sounding[place[frame.name]]) if frame.name in place else ():
                 one, category = labels == number, int(categories[labels == number][0])
-                found = self._of_points(frame, answers[frame.name], points[one], category, used[place])
-                mask, ids = mask | found, np.where(found, np.uint8(1 + category), ids)
-            out.append(Prediction(mask, ids))
+                view = used[place[frame.name]]
+                ids[self._of_points(frame, answers[frame.name], points[one], category, view)] = 1 + category
+            out.append(Prediction(ids > 0, ids))
         return out
 
     def _sounding(
