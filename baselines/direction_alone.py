@@ -45,11 +45,14 @@ VOXEL, REACH, ABOVE, BELOW = 0.1, 4.0, 1.2, 1.7
 LEAST_VIEWS, AGREED = 3, 0.45
 #: Probability above which a pixel is an object of a category, and where the object is known to be.
 OBJECT, OBJECT_INSIDE = 0.4, 0.2
+#: A candidate is likelier than another by its number of voxels, which tells an object from crumbs, but no object is
+#: likelier than another for being larger than this (voxels).
+LARGE = 30
 #: Whether what a sound is called counts.
 Cues = Literal["direction", "both"]
-#: What names count beside directions, chosen on the homes of marks-tune.yaml and listen-tune.yaml: effective number of
-#: independent frames of a walk; weight in a second of part_3, whose prior is the probability of a category there.
-NAMES, NAMES_OF_A_SECOND, HEARD_PRIOR = 4.0, 0.5, 0.2
+#: What names count beside directions: effective number of independent frames of a walk; weight in a second of part_3,
+#: and the probability of a category there at which its name says nothing.
+NAMES, NAMES_OF_A_SECOND, HEARD_PRIOR = 4.0, 0.5, 0.3
 #: Probabilities that a category is heard are cut here: the network is never that sure.
 LEAST_HEARD = 0.02
 #: Probability from which on a candidate is marked in a second of part_3.
@@ -108,7 +111,8 @@ class DirectionMethod:
         choice = spatial.choose(points, labels, walk, self._clips(walk))
         if not choice.heard:
             return None
-        score = np.log(np.maximum(choice.posterior, 1e-300))
+        size = np.array([(labels == label).sum() for label in choice.labels])
+        score = choice.scores + np.log(np.minimum(size, LARGE))
         if self.cues == "both":
             of_label = [categories[labels == label][0] for label in choice.labels]
             score = score + NAMES * log_heard(answers).mean(axis=0)[of_label]
@@ -126,15 +130,15 @@ class DirectionMethod:
         answers = dict(zip([view.name for view in used], self.seen([view.frame for view in used]), strict=True))
         points, labels, categories = candidates(train, [answers[view.name] for view in train])
         sounding = self._sounding(points, labels, categories, used, [answers[view.name] for view in used])
+        place = {view.name: number for number, view in enumerate(used)}
         out = []
         for frame in frames:
-            mask, ids = (np.zeros(frame.rgb().shape[:2], kind) for kind in (np.bool_, np.uint8))
-            place = next((n for n, view in enumerate(used) if view.name == frame.name), None)
-            for number in np.flatnonzero(sounding[place]) if place is not None else ():
+            ids = np.zeros(frame.rgb().shape[:2], np.uint8)
+            for number in np.flatnonzero(sounding[place[frame.name]]) if frame.name in place else ():
                 one, category = labels == number, int(categories[labels == number][0])
-                found = self._of_points(frame, answers[frame.name], points[one], category, used[place])
-                mask, ids = mask | found, np.where(found, np.uint8(1 + category), ids)
-            out.append(Prediction(mask, ids))
+                view = used[place[frame.name]]
+                ids[self._of_points(frame, answers[frame.name], points[one], category, view)] = 1 + category
+            out.append(Prediction(ids > 0, ids))
         return out
 
     def _sounding(
@@ -148,7 +152,7 @@ class DirectionMethod:
         """(T, K) whether each candidate sounds in each view of part_3; arguments as of and from `candidates`."""
         if not len(points):
             return np.zeros((len(walk), 0), np.bool_)
-        posterior = cluster_activity(points, labels, walk, self._clips(walk)).posterior
+        posterior = cluster_activity(points, labels, walk, self._clips(walk), largest=LARGE).posterior
         odds = log_odds(posterior.astype(np.float32))
         if self.cues == "both":
             of_label = [categories[labels == label][0] for label in range(posterior.shape[1])]

@@ -30,7 +30,12 @@ def work_folder(work: Path, observation: Observation) -> Path:
 
 
 def cluster_activity(
-    points: NDArray[np.float64], labels: NDArray[np.int64], views: Sequence[RegisteredView], clips: NDArray[np.floating]
+    points: NDArray[np.float64],
+    labels: NDArray[np.int64],
+    views: Sequence[RegisteredView],
+    clips: NDArray[np.floating],
+    *,
+    largest: float = np.inf,
 ) -> Activity:
     """Which clusters sound in which of the views.
 
@@ -39,10 +44,11 @@ def cluster_activity(
         labels: (N,) clusters from 0 on; negative ones are no candidates.
         views: T of them, train and test, in the order of time.
         clips: (T, 2, n) their sound.
+        largest: number of points beyond which a cluster is no likelier for being larger.
     """
     count = int(labels.max(initial=-1)) + 1
     places = [clusters.representatives(points[labels == k]) for k in range(count)]
-    size = np.bincount(labels[labels >= 0], minlength=count).astype(np.float64)
+    size = np.bincount(labels[labels >= 0], minlength=count).clip(max=largest).astype(np.float64)
     rotation = np.stack([view.rotation for view in views])
     position = np.stack([view.position for view in views])
     return activity.infer(places, rotation, position, clips, size=size)
