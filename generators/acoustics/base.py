@@ -84,6 +84,11 @@ class ReceiverSession(AcousticSession, Protocol):
 class ArrivalSession(AcousticSession, Protocol):
     """A session that tells single arrivals, before any receiver."""
 
+    @property
+    def late_step(self) -> float:
+        """Way (m) of source or listener between two responses that late sound is cross-faded of."""
+        ...
+
     def arrivals(self, pose: Pose) -> Arrivals:
         """All that arrives at a pose; it does not depend on the pose's rotation."""
         ...

@@ -16,7 +16,7 @@ References:
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -62,7 +62,7 @@ class Directivity:
     """
 
     name: str
-    pattern: Callable[[F64], F64]
+    pattern: Callable[[F64], F64] = field(repr=False)
 
     @classmethod
     def cardioid(

@@ -173,6 +173,9 @@ class Engine(ABC):
         samples = _checked_signal(signal)
         tracks = as_track(source, "source"), as_track(listener, "listener")
         with _Opened(_Asked(self, room, receiver, directivity, sample_rate), tracks[0].pose_at(0.0)) as opened:
+            for what, track in zip(("source", "listener"), tracks, strict=True):
+                for place in track.positions:
+                    room.check_inside(what, place)
             heard = opened.receiver if isinstance(opened.session, ArrivalSession) else None
             way = Way(opened.session.sample_rate, len(samples), *tracks, directivity is not None)
             return render(opened.session, heard, samples, way, (self._step, self._turn))
@@ -285,6 +288,14 @@ class _Asked:
             raise UsageError("Analytic has no free field: it needs a room with walls; use Tracer")
         if self.directivity is not None and isinstance(self.engine, SoundSpaces):
             raise UsageError("SoundSpaces has no directional sources; use Tracer or Analytic")
+        if self.directivity is not None and not hasattr(self.directivity, "amplitudes"):
+            got = excerpt(self.directivity)
+            raise UsageError(f"directivity: got {got}, expected Directivity.cardioid(), .table(…) or .file(FILE)")
+        if isinstance(self.receiver, type) or (self.receiver is not None and not hasattr(self.receiver, "channels")):
+            got = excerpt(self.receiver)
+            raise UsageError(
+                f"receiver: got {got}, expected one of SphericalHead(), SofaHead(FILE), Array(…), Omni(), …"
+            )
         if isinstance(self.sample_rate, bool) or not isinstance(self.sample_rate, int | np.integer):
             raise UsageError(f"sample_rate is {excerpt(self.sample_rate)}, expected a whole number of Hz")
 
@@ -295,6 +306,7 @@ class _Opened:
     def __init__(self, asked: _Asked, source: Any) -> None:
         asked.check()
         self.source = as_pose(source, "source")
+        asked.room.check_inside("source", self.source.position)
         self._asked, self._backend = asked, asked.engine.backend(asked.receiver)
         self.receiver: Receiver | None = getattr(self._backend, "receiver", asked.receiver)
         # Engines that know of no directivity are not asked for one.
@@ -316,11 +328,13 @@ class _Opened:
 
     def move_source(self, source: Pose) -> None:
         """Put the source elsewhere for the responses that follow."""
+        self._asked.room.check_inside("source", source.position)
         self.source = source
         self.session.move_source(self._place)
 
     def rir(self, pose: Pose) -> Rir:
         """The response at a pose."""
+        self._asked.room.check_inside("listener", pose.position)
         samples = self.session.impulse_response(pose)
         described = {} if self.receiver is None else self.receiver.describe()
         usual = ("left", "right") if len(samples) == 2 else ("omni",)

@@ -40,8 +40,6 @@ F64 = NDArray[np.float64]
 _STEP_EARLY = 0.003
 #: Least and most samples between two filters.
 _LEAST_HOP, _MOST_HOP = 16, 1024
-#: Step of the knots of all other sound, in steps of the early sound.
-_COARSER = 3.0
 #: Tolerance (m) of an image's way between two knots, which is as long as the source's.
 _SAME_WAY = 2e-3
 #: Rounds of the iteration for the time of emission; each gains a factor of speed over speed of sound.
@@ -74,7 +72,8 @@ def render(
     if isinstance(session, ArrivalSession) and receiver is not None:
         out = _early(session, receiver, signal, way, steps)
         rest = _Rest(session, receiver)
-        coarse = (_COARSER * steps[0], _COARSER * steps[1])
+        coarser = session.late_step / steps[0]
+        coarse = (session.late_step, max(coarser, 1.0) * steps[1])
         return (out + _knotted(rest, signal, way, coarse)).astype(np.float32)
     return _knotted(_Whole(session), signal, way, steps).astype(np.float32)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -36,6 +37,10 @@ _BOX = {
     ("north", "walls"): ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)),
     ("south", "walls"): ((0, 0, 1), (0, 1, 1), (1, 1, 1), (1, 0, 1)),
 }
+#: Distance (m) to a wall of a shoebox below which a point is in the wall.
+_IN_WALL = 1e-3
+#: Extent (m) from which a mesh is asked whether its unit is the metre: few buildings are as long.
+_LARGE = 100.0
 #: Name of the only room of a room's scene.
 _BOX_NAME = "room"
 
@@ -151,7 +156,10 @@ class Room:
         if up == "z":  # (x, y, z) → (x, z, −y)
             triangles = np.stack([triangles[..., 0], triangles[..., 2], -triangles[..., 1]], axis=-1)
         _check_mesh(name, triangles)
-        return _with_materials(name, triangles, names, surface_materials(materials))
+        room = _with_materials(name, triangles, names, surface_materials(materials))
+        if isinstance(materials, Mapping):  # a file may be one for many rooms
+            _warn_of_unused(room, names)
+        return room
 
     @classmethod
     def free_field(cls) -> Room:
@@ -190,6 +198,22 @@ class Room:
         box = RoomBox(_BOX_NAME, _point(low), _point(high), is_whole_mesh=not self.is_shoebox)
         return Scene(self.name, (Part(self.name, mesh),), (box,), ())
 
+    def check_inside(self, what: str, position: ArrayLike) -> None:
+        """Refuse a point in a wall or outside of a shoebox; a mesh is looked at by the engines.
+
+        Raises:
+            Avs3dError: naming the point and the box.
+        """
+        if not self.is_shoebox or self.bounds is None:
+            return
+        point = np.asarray(position, dtype=np.float64)
+        if ((point < self.bounds[0] + _IN_WALL) | (point > self.bounds[1] - _IN_WALL)).any():
+            size = ", ".join(f"{edge:g}" for edge in self.bounds[1])
+            raise Avs3dError(
+                f"{self.name}: {what} position {tuple(point.tolist())} lies outside the scene or in a wall; expected a "
+                f"point inside the box from (0, 0, 0) to ({size}), {1000 * _IN_WALL:g} mm or more from its walls"
+            )
+
     @property
     def box_name(self) -> str:
         """Name of the only room of `scene`."""
@@ -219,6 +243,22 @@ def _check_mesh(name: str, triangles: F64) -> None:
         raise Avs3dError(
             f"{name}: spans {size} m, expected {LEAST_EXTENT:g} to {MOST_EXTENT:g} m; if its unit is no metre, "
             f"give scale={hint}"
+        )
+    if extent.max() > _LARGE:
+        size = " × ".join(f"{edge:.4g}" for edge in extent)
+        warnings.warn(f"{name}: spans {size} m; if its unit is the centimetre, give scale=0.01", stacklevel=3)
+
+
+def _warn_of_unused(room: Room, names: Sequence[tuple[str, ...]]) -> None:
+    """Warn of patterns that match nothing, which are often misspelt."""
+    unused = [use.pattern for use in room.uses if not use.faces and use.pattern != "*"]
+    if unused:
+        known = list(dict.fromkeys(name for kind in names for name in kind))
+        shown = ", ".join(map(repr, known[:6])) + (f" and {len(known) - 6} more" if len(known) > 6 else "")
+        warnings.warn(
+            f"{room.name}: {', '.join(map(repr, unused[:6]))}: no surface has such a name; the names are "
+            f"{shown or 'none'}: correct the pattern, or give labels= of faces",
+            stacklevel=3,
         )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 import pytest
@@ -104,24 +104,54 @@ def in_a_room(rate: int) -> tuple[acoustics.Room, F64]:
     return room, np.fft.irfft(spectrum)
 
 
+def through_static(responses: Iterable[NDArray[np.float32]], count: int, signal: F64) -> F64:
+    """(1, n) the signal cross-faded through ``count`` responses of places evenly along the way."""
+    knots = np.rint(np.linspace(0, len(signal), count)).astype(np.int64)
+    moving, wanted = MovingSource(knots, np.zeros(count)), np.zeros((1, len(signal)))
+    for k, response in enumerate(responses):
+        offset, sound = heard_from(signal, response, moving, k, (0, len(signal)))
+        wanted[:, offset : offset + sound.shape[1]] += sound
+    return wanted
+
+
+def error_db(heard: NDArray[np.float32], wanted: F64) -> float:
+    """Energy of the difference relative to what is wanted, without the beginning."""
+    rest = slice(1000, None)
+    return float(10 * np.log10(np.square((heard - wanted)[:, rest]).sum() / np.square(wanted[:, rest]).sum()))
+
+
 def test_a_room_sounds_as_through_many_static_responses() -> None:
     rate, count, listener = 16_000, 250, (4.2, 1.2, 2.9)
     room, signal = in_a_room(rate)
     path = [(0.0, (1.0, 1.5, 1.5)), (0.5, (1.25, 1.4, 1.6))]
     engine, omni = acoustics.Tracer(settings=EARLY), acoustics.Omni()
     heard = engine.render(room, signal, path, listener, omni, sample_rate=rate)
-    track = as_track(path, "source")
-    knots = np.rint(np.linspace(0, len(signal), count)).astype(np.int64)
-    moving, wanted = MovingSource(knots, np.zeros(count)), np.zeros(heard.shape)
     session = engine.backend(omni).open(room.scene, path[0][1], room="room", sample_rate=rate)
-    for k, place in enumerate(track.position_at(knots / rate)):
-        session.move_source((float(place[0]), float(place[1]), float(place[2])))
-        response = omni.response(session.early(as_pose(listener)), np.eye(3), rate)
-        offset, sound = heard_from(signal, response, moving, k, (0, len(signal)))
-        wanted[:, offset : offset + sound.shape[1]] += sound
-    rest = slice(1000, None)
-    error = np.square((heard - wanted)[:, rest]).sum() / np.square(wanted[:, rest]).sum()
-    assert 10 * np.log10(error) < -40
+
+    def responses() -> Iterator[NDArray[np.float32]]:
+        for place in as_track(path, "source").position_at(np.linspace(0, 0.5, count)):
+            session.move_source((float(place[0]), float(place[1]), float(place[2])))
+            yield omni.response(session.early(as_pose(listener)), np.eye(3), rate)
+
+    assert error_db(heard, through_static(responses(), count, signal)) < -40
+
+
+def test_with_fixed_carriers_the_late_sound_is_that_of_static_responses_too() -> None:
+    """The whole clip; `benchmarks.moving_error` has 1,000 responses of full length."""
+    rate, count, listener = 8000, 40, (4.2, 1.2, 2.9)
+    room, signal = in_a_room(rate)
+    ends = np.array([(1.0, 1.5, 1.5), (1.1, 1.46, 1.54)])
+    path = [(0.0, ends[0]), (len(signal) / rate, ends[1])]
+    places = ends[0] + np.linspace(0, 1, count)[:, None] * (ends[1] - ends[0])
+    found = {}
+    for fixed in (False, True):
+        settings = TraceSettings(seconds=0.12, fixed_carriers=fixed)
+        engine, omni = acoustics.Tracer(seed=1, settings=settings), acoustics.Omni()
+        heard = engine.render(room, signal, path, listener, omni, sample_rate=rate)
+        rirs = engine.responses(room, places, [listener], receiver=omni, sample_rate=rate)
+        found[fixed] = error_db(heard, through_static((rir.samples for rir in rirs), count, signal))
+    assert found[True] < -40
+    assert found[False] > -20  # of rays, which are other ones a few centimetres on
 
 
 @pytest.mark.parametrize("engine", [acoustics.Tracer(seed=1), acoustics.Analytic()], ids=["tracer", "analytic"])

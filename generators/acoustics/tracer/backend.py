@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -84,6 +84,8 @@ class TracerBackend:
         if device not in DEVICES:
             raise Avs3dError(f"tracer: device is {device!r}, expected {' or '.join(DEVICES)}")
         if device == "cuda":
+            if self.settings.fixed_carriers:
+                raise Avs3dError("tracer: fixed_carriers is for device='cpu'; on cuda the rays are heard one by one")
             require_device()
         self.device = device
 
@@ -131,7 +133,7 @@ class TracerBackend:
             "version": self.version,
             "licence": "Apache-2.0",
             **self.receiver.describe(),
-            **asdict(self.settings),
+            **self.settings.described(),
             "speed_of_sound_m_s": SPEED_OF_SOUND,
             "air_temperature_c": air.TEMPERATURE,
             "air_humidity_percent": air.HUMIDITY,

@@ -16,6 +16,7 @@ from avs3d_bench.geometry import Pose
 from generators.acoustics.base import Place, point_of, pose_of
 from generators.acoustics.directivity import Directivity, Emission, emission_of
 from generators.acoustics.geometry import (
+    SPEED_OF_SOUND,
     acoustic_mesh,
     check_free_source,
     checked_position,
@@ -24,6 +25,7 @@ from generators.acoustics.geometry import (
 )
 from generators.acoustics.materials import triangle_areas
 from generators.acoustics.tracer.arrivals import Arrivals
+from generators.acoustics.tracer.carriers import on_carriers
 from generators.acoustics.tracer.diffraction import LitEdges, diffracted, lit_edges
 from generators.acoustics.tracer.early import Images, early_arrivals, images_of
 from generators.acoustics.tracer.late import rays_for, trace
@@ -41,6 +43,9 @@ Position = tuple[float, float, float]
 _BATCH = 128
 #: Sources whose traces are kept: a clip of a moving source needs three, and the next clip two of these again.
 _SOURCES = 4
+#: Way (m) between two traces of a moving source or listener: of rays, whose late sound is another one after a few
+#: centimetres, and of fixed carriers, whose amplitudes are almost linear in between.
+_LATE_STEP, _SMOOTH_STEP = 0.3, 0.04
 #: Directions in which a source looks for a way out.
 _VIEWS = 200
 
@@ -128,6 +133,11 @@ class TracerSession:
         self._heard[pose] = _Source(images, lit_edges(self._surfaces.edges, position, emission), {})
         if len(self._heard) > _SOURCES:
             self._heard.popitem(last=False)
+
+    @property
+    def late_step(self) -> float:
+        """See `ArrivalSession.late_step`."""
+        return _SMOOTH_STEP if self._settings.fixed_carriers else _LATE_STEP
 
     def prepare(self, poses: Iterable[Pose], together: int = _BATCH) -> None:
         """Announce the poses whose responses will be asked for, in this order; they will share traces.
@@ -228,6 +238,9 @@ class TracerSession:
         late = trace(self._surfaces, source.images, listeners, self._settings, self.rays, self._threads)
         found = {}
         for key, listener, tail in zip(batch, listeners, late, strict=True):
+            if self._settings.fixed_carriers:
+                far = float(np.linalg.norm(listener - source.images.source))
+                tail = on_carriers(tail, far / SPEED_OF_SOUND, self._settings.seed)
             parts = [early_arrivals(self._surfaces, source.images, listener), tail]
             if self._settings.diffraction:
                 parts.insert(1, diffracted(self._surfaces, source.edges, listener))

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from numbers import Integral
+from typing import TYPE_CHECKING
 
+from avs3d_bench.errors import Avs3dError
 from generators.core.limits import check_ranges
+
+if TYPE_CHECKING:
+    from avs3d_bench.contract.schema import Scalar
 
 #: Limits of `TraceSettings.most_reflections` and of `TraceSettings.seconds` (s).
 MOST_REFLECTIONS, LONGEST = 10_000, 60.0
@@ -12,7 +18,7 @@ MOST_REFLECTIONS, LONGEST = 10_000, 60.0
 
 @dataclass(frozen=True)
 class TraceSettings:
-    """Settings of a trace; all of them go into observation.json.
+    """Settings of a trace; see `described` for what goes into observation.json.
 
     The number of rays follows from the room: as many as give the wanted arrivals at a listener, whatever the size of
     the room and its reverberation.
@@ -32,6 +38,8 @@ class TraceSettings:
         most_reflections: upper limit of the reflections of a ray; divided by an absorption scale below 1.
         seconds: the longest response; divided by an absorption scale below 1.
         seed: of the random numbers.
+        fixed_carriers: whether late sound has the same fine structure at all places, so that responses change smoothly
+            with the place of source and listener; see `generators.acoustics.tracer.carriers`.
     """
 
     arrivals: int = 20_000
@@ -47,6 +55,7 @@ class TraceSettings:
     most_reflections: int = 400
     seconds: float = 5.0
     seed: int = 0
+    fixed_carriers: bool = False
 
     def __post_init__(self) -> None:
         """Check the ranges.
@@ -69,3 +78,11 @@ class TraceSettings:
             "seed": (0, 2**64 - 1),
         }
         check_ranges("trace settings", self, ranges)
+        if isinstance(self.seed, bool) or not isinstance(self.seed, Integral):
+            raise Avs3dError(f"trace settings: seed is {self.seed!r}, expected a whole number")
+        if not isinstance(self.fixed_carriers, bool):
+            raise Avs3dError(f"trace settings: fixed_carriers is {self.fixed_carriers!r}, expected True or False")
+
+    def described(self) -> dict[str, Scalar]:
+        """The settings by name; one that changes nothing while it is off is named only where it is on."""
+        return {name: value for name, value in asdict(self).items() if value is not False or name != "fixed_carriers"}
