@@ -270,6 +270,7 @@ def compare(
     *,
     size: int,
     samples: int,
+    all_paths: bool = False,
 ) -> list[Comparison]:
     """Render a lit scene with both renderers.
 
@@ -280,6 +281,7 @@ def compare(
         poses: of the camera.
         size: of the pictures (pixels); the field of view is 90°.
         samples: paths per pixel of each of `PARTS` pictures that the reference is the mean of.
+        all_paths: leave no path out of the reference (see `without_fireflies`).
     """
     from generators.vision.mitsuba_scene import MitsubaScene
 
@@ -290,7 +292,8 @@ def compare(
         ours, label, kind, plane = our_picture(scene, pose, camera)
         seeds = range(PARTS * number, PARTS * (number + 1))
         parts = np.stack([reference.render(pose, camera, samples, seed=seed) for seed in seeds])
-        views.append(Comparison(ours, without_fireflies(parts), label, kind, plane))
+        halves = parts.reshape(2, PARTS // 2, *parts.shape[1:]).mean(axis=1) if all_paths else without_fireflies(parts)
+        views.append(Comparison(ours, halves, label, kind, plane))
     return views
 
 
@@ -447,6 +450,7 @@ def load_earlier(path: Path) -> Earlier:
 @click.option("--size", type=click.IntRange(16), default=128, show_default=True, help="Side of the pictures (pixels).")
 @click.option("--spp", type=click.IntRange(2), default=384, show_default=True, help="Paths per pixel.")
 @click.option("--matte", is_flag=True, help="Make all materials matte.")
+@click.option("--all-paths", is_flag=True, help="Count very bright paths in the reference, too.")
 @click.option("--variant", help="Variant of Mitsuba; the first of llvm_ad_rgb and scalar_rgb that works if missing.")
 @click.option("--cache", type=click.Path(path_type=Path), help="Folder of baked homes.")
 def main(
@@ -459,6 +463,7 @@ def main(
     size: int,
     spp: int,
     matte: bool,
+    all_paths: bool,
     variant: str | None,
     cache: Path | None,
 ) -> None:
@@ -477,7 +482,7 @@ def main(
             earlier = None if before is None else load_earlier(before / f"{file}.npz")
             scene, room, poses = prepared_room(key, cache or default_cache(), matte=matte)
             chosen = wide_views(scene, poses, views) if earlier is None else earlier.poses
-            found = compare(mi, scene, room, chosen, size=size, samples=max(1, spp // PARTS))
+            found = compare(mi, scene, room, chosen, size=size, samples=max(1, spp // PARTS), all_paths=all_paths)
             save(output / f"{file}.npz", found, chosen, scene.gains)
             rooms[key] = [pooled(view) for view in found]
             picture = sheet(found, scene.gains, () if earlier is None else tuple(earlier.pictures))
@@ -490,7 +495,8 @@ def main(
     results = {key: figures_of(found) for key, found in rooms.items()}
     whole = overall(list(rooms.values()))
     figures = {
-        "mitsuba": mi.__version__, "variant": mi.variant(), "size": size, "spp": spp, "matte": matte, "median": whole,
+        "mitsuba": mi.__version__, "variant": mi.variant(), "size": size, "spp": spp, "matte": matte,
+        "all_paths": all_paths, "median": whole,
         "rooms": {key: {kind: asdict(one) for kind, one in own.items() if one.pixels} for key, own in results.items()},
     }  # fmt: skip
     known = read_json(record) if record.exists() else {}
