@@ -30,6 +30,10 @@ class Pose:
     Attributes:
         position: (x, y, z) in metres, world frame.
         rotation: unit quaternion (w, x, y, z).
+
+    Examples:
+        >>> Pose.from_yaw((4, 1.5, 2), 0.0).rotation  # looks along −Z
+        (1.0, 0.0, 0.0, 0.0)
     """
 
     position: tuple[float, float, float]

@@ -7,7 +7,8 @@ pyroomacoustics is measured if it is installed (pip install pyroomacoustics); it
 install acoustic-spaces) and pass E/bin/acoustic-spaces. It runs as a separate program: a scene file goes in, WAV files
 come out; its CPU time is that of the whole program, for four listeners, divided by four. All walls of a box
 have one absorption and a scattering of 0.1. "Early" is the largest error of the level (dB) of the first 20 image
-sources, against 1/r·(1 − α)^(n/2)·(1 − s)^(n/2), the engine's scattering taken off; "T30" is the mean of 500 Hz and
+sources (of `Analytic` these are the closed form itself; of acoustic-spaces only waveforms are known), against
+1/r·(1 − α)^(n/2)·(1 − s)^(n/2), the engine's scattering taken off; "T30" is the mean of 500 Hz and
 1 kHz over four listeners; "CPU" the seconds of one response after the first, compilation left out.
 """
 
@@ -26,7 +27,7 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from avs3d_bench.geometry import Pose
 from avs3d_bench.measures.decay import eyring
@@ -54,21 +55,47 @@ def t30_of(samples: F64) -> float:
     return float(np.mean([found[octave] or np.nan for octave in (500, 1000)]))
 
 
-def early_error(arrivals: acoustics.Arrivals, box: Box, source: F64, listener: F64) -> float:
-    """Largest error (dB) at 1 kHz of the specular arrivals among the 20 nearest image sources."""
+def nearest_images(box: Box, source: F64, listener: F64) -> tuple[F64, F64]:
+    """Distances (m) and exact amplitudes at 1 kHz of the 20 nearest image sources, up to the third order; no air."""
     positions, bounces = image_sources(box, source, listener, 3.0 * float(box.size.max()))
     distance = np.linalg.norm(positions - listener, axis=1)
     order = np.argsort(distance)[:20]
     order = order[bounces[order] <= 3]
     alpha = box.absorption[3]
     wanted = ((1 - alpha) * (1 - SCATTERING)) ** (bounces[order] / 2) / distance[order]
-    wanted *= np.exp(-0.5 * energy_exponents()[4] * distance[order])
+    return distance[order], wanted
+
+
+def largest_error(found: ArrayLike, wanted: F64) -> float:
+    """Largest error (dB) of amplitudes."""
+    return float(np.abs(20 * np.log10(np.maximum(np.asarray(found), 1e-9) / wanted)).max())
+
+
+def early_error(arrivals: acoustics.Arrivals, box: Box, source: F64, listener: F64) -> float:
+    """Largest error (dB) at 1 kHz of the specular arrivals among the nearest image sources."""
+    distances, wanted = nearest_images(box, source, listener)
+    wanted = wanted * np.exp(-0.5 * energy_exponents()[4] * distances)
     early = np.flatnonzero(arrivals.is_spherical)
     found = []
-    for far in distance[order]:
+    for far in distances:
         near = early[np.abs(arrivals.time[early] * SPEED_OF_SOUND - far) < 1e-3]
         found.append(float(arrivals.pressure[near, 4].sum()) / max(len(near), 1))
-    return float(np.abs(20 * np.log10(np.maximum(found, 1e-9) / wanted)).max())
+    return largest_error(found, wanted)
+
+
+def early_error_of_pyroomacoustics(box: Box, alpha: float, source: F64, listener: F64) -> float:
+    """The same of its images: each with its distance and the damping of its walls."""
+    import pyroomacoustics
+
+    material = pyroomacoustics.Material(alpha, SCATTERING)
+    room: Any = pyroomacoustics.ShoeBox(box.size, fs=RATE, materials=material, max_order=3, ray_tracing=True)
+    room.add_source(source)
+    room.add_microphone(listener)
+    room.image_source_model()
+    far = np.linalg.norm(room.sources[0].images.T - listener, axis=1)
+    distances, wanted = nearest_images(box, source, listener)
+    place = np.abs(far - distances[:, None]).argmin(axis=1)
+    return largest_error(room.sources[0].damping[0, place] / far[place], wanted)
 
 
 def measured(respond: Callable[[F64], F64], listeners: list[F64]) -> tuple[float, float]:
@@ -177,6 +204,8 @@ def main() -> None:
         arrivals = tracer.response(room, source, listeners[0], acoustics.Omni()).arrivals
         assert arrivals is not None
         early = {"Tracer": early_error(arrivals, box, source, listeners[0])}
+        if "pyroomacoustics" in engines:
+            early["pyroomacoustics"] = early_error_of_pyroomacoustics(box, alpha, source, listeners[0])
         results = {name: measured(respond, listeners) for name, respond in engines.items()}
         if given.acoustic_spaces is not None:
             results["acoustic-spaces"] = of_acoustic_spaces(given.acoustic_spaces, size, alpha, source, listeners)

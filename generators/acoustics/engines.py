@@ -194,6 +194,13 @@ class Tracer(Engine):
 
     Raises:
         Avs3dError: if one is out of range, or the device cannot be used.
+
+    Examples:
+        >>> from generators.acoustics import Omni, Room
+        >>> asked = Room.shoebox((6, 2.7, 4), 0.5), (1, 1.5, 2), (4, 1.5, 2), Omni()
+        >>> one, two = (Tracer(seed=3).response(*asked, sample_rate=8000) for _ in range(2))
+        >>> one.samples.tobytes() == two.samples.tobytes()
+        True
     """
 
     _step, _turn = 0.1, math.radians(2)
@@ -223,6 +230,12 @@ class Analytic(Engine):
 
     Raises:
         Avs3dError: if a number is out of range.
+
+    Examples:
+        >>> from generators.acoustics import Room
+        >>> rir = Analytic(tail=False).response(Room.shoebox((6, 2.7, 4), 0.2), (1, 1.5, 2), (4, 1.5, 2))
+        >>> rir.channel_names
+        ('left', 'right')
     """
 
     _step, _turn = 0.025, math.radians(3)
@@ -249,6 +262,9 @@ class SoundSpaces(Engine):
 
     Raises:
         Avs3dError: if the package is not installed.
+
+    Examples:
+        >>> SoundSpaces().response(room, (1, 1.5, 2), (4, 1.5, 2))  # doctest: +SKIP
     """
 
     _in_sequence = True

@@ -42,6 +42,12 @@ class Rir:
         receiver: settings of the receiver.
         provenance: settings of the engine, its version, the room.
         arrivals: times, directions and octave amplitudes of all that arrives, of `Tracer.response`; else None.
+
+    Examples:
+        >>> from generators.acoustics import Analytic, Room
+        >>> rir = Analytic().response(Room.shoebox((6, 2.7, 4), 0.2), (1, 1.5, 2), (4, 1.5, 2))
+        >>> sorted(rir.t30()), 0.2 < rir.t30()[1000] < 0.6
+        ([125, 250, 500, 1000, 2000, 4000], True)
     """
 
     samples: NDArray[np.float32]

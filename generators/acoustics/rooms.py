@@ -56,6 +56,10 @@ class MaterialUse:
         faces: number of triangles; 0 for a line that matched nothing.
         area: m².
         names: of the meshes, materials or labels that it matched, sorted.
+
+    Examples:
+        >>> Room.shoebox((6, 2.7, 4), {"floor": "carpet", "*": "plaster"}).materials_used()[0].area
+        24.0
     """
 
     pattern: str

@@ -32,6 +32,14 @@ def write_webdataset(responses: Iterable[Rir], folder: str | Path, *, per_shard:
     Raises:
         UsageError: if the folder has shards already, or ``per_shard`` is below 1.
         Avs3dError: if a file cannot be written.
+
+    Examples:
+        >>> import tempfile
+        >>> from generators.acoustics import Analytic, Room
+        >>> room, listeners = Room.shoebox((6, 2.7, 4), 0.2), [(4, 1.5, 2), (4, 1.5, 3)]
+        >>> responses = Analytic().responses(room, [(1, 1.5, 2)], listeners, sample_rate=8000)
+        >>> [shard.name for shard in write_webdataset(responses, tempfile.mkdtemp())]
+        ['rir-000000.tar']
     """
     folder = Path(folder)
     if per_shard < 1:

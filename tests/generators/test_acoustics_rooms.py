@@ -66,7 +66,9 @@ def test_files_of_all_formats_are_the_same_room(tmp_path: Path, ending: str) -> 
 
 def test_materials_match_meshes_their_materials_and_labels_of_faces(tmp_path: Path) -> None:
     flat().export(tmp_path / "flat.glb")
-    room = acoustics.Room.from_mesh(tmp_path / "flat.glb", {**MATERIALS_OF_FLAT, "wall*": "brick", "sofa*": "fabric"})
+    lines = {**MATERIALS_OF_FLAT, "wall*": "brick", "sofa*": "fabric"}
+    with pytest.warns(UserWarning, match="'sofa[*]': no surface has such a name"):
+        room = acoustics.Room.from_mesh(tmp_path / "flat.glb", lines)
     used = {use.pattern: use for use in room.materials_used()}
     assert (used["floor*"].names, used["floor*"].faces, used["floor*"].area) == (("Floor_01",), 2, pytest.approx(20.0))
     assert (used["wall*"].names, used["wall*"].material, used["wall*"].faces) == (("wall paint",), "brick", 10)
@@ -168,3 +170,38 @@ def test_shoeboxes_of_no_size_are_refused(size: object) -> None:
 def test_names_of_the_table_are_materials_in_situ() -> None:
     (use,) = acoustics.Room.shoebox((6, 2.7, 4), "carpet").materials_used()
     assert use.absorption == MATERIALS["carpet"].in_situ
+
+
+def test_a_pattern_without_a_surface_and_a_mesh_in_centimetres_warn() -> None:
+    box = trimesh.creation.box((5, 2.5, 4))
+    with pytest.warns(UserWarning, match="'flor[*]': no surface has such a name; the names are 'mesh'"):
+        acoustics.Room.from_mesh(box, {"*": "plaster", "flor*": "parquet"})
+    with pytest.warns(UserWarning, match="spans 500 × 250 × 400 m; if its unit is the centimetre, give scale=0.01"):
+        acoustics.Room.from_mesh(box.apply_scale(100), "plaster")
+
+
+@pytest.mark.parametrize("place", [(0.0, 1.0, 2.0), (6.0, 1.0, 2.0), (3.0, -0.2, 2.0)])
+def test_a_place_in_a_wall_of_a_shoebox_is_refused(place: tuple[float, float, float]) -> None:
+    room, inside = acoustics.Room.shoebox((6, 2.7, 4), 0.2), (3.0, 1.0, 2.0)
+    engine = acoustics.Analytic(images=50, tail=False)
+    for ends, what in (((place, inside), "source"), ((inside, place), "listener")):
+        with pytest.raises(Avs3dError, match=f"{what} position .* lies outside the scene or in a wall"):
+            engine.response(room, *ends)
+        with pytest.raises(Avs3dError, match=f"{what} position .* lies outside the scene or in a wall"):
+            engine.render(room, np.ones(100), *([(0.0, inside), (1.0, end)] for end in ends))
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"receiver": "head"}, "receiver: got 'head', expected one of"),
+        ({"receiver": acoustics.Omni}, "receiver: got <class .*, expected one of"),
+        ({"directivity": "cardioid"}, "directivity: got 'cardioid', expected Directivity.cardioid"),
+    ],
+)
+def test_what_is_no_receiver_or_directivity_is_said_in_one_line(change: dict[str, object], text: str) -> None:
+    room = acoustics.Room.shoebox((6, 2.7, 4), 0.2)
+    with pytest.raises(Avs3dError, match=text):
+        acoustics.Tracer().response(room, (1, 1, 2), (4, 1, 2), **change)  # type: ignore[arg-type]
+    with pytest.raises(Avs3dError, match=r"seed is 1.5, expected a whole number"):
+        acoustics.Tracer(seed=1.5)  # type: ignore[arg-type]

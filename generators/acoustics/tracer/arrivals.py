@@ -29,6 +29,12 @@ class Arrivals:
         spherical: (n,) whether the wave front is a sphere about a point that is as far away as the sound has travelled
             (the source or an image of it), so that a receiver that is not small hears it differently from near by;
             the others count as plane. None: all are plane.
+
+    Examples:
+        >>> from generators.acoustics import Omni, Room, Tracer
+        >>> free = Tracer().response(Room.free_field(), (0, 0, -3.43), (0, 0, 0), Omni(), sample_rate=8000)
+        >>> free.arrivals.time.tolist(), free.arrivals.direction.tolist()
+        ([0.01], [[0.0, 0.0, -1.0]])
     """
 
     time: NDArray[np.float64]

@@ -39,7 +39,12 @@ class TraceSettings:
         seconds: the longest response; divided by an absorption scale below 1.
         seed: of the random numbers.
         fixed_carriers: whether late sound has the same fine structure at all places, so that responses change smoothly
-            with the place of source and listener; see `generators.acoustics.tracer.carriers`.
+            with the place of source and listener; see `generators.acoustics.tracer.carriers`. The CPU only.
+
+    Examples:
+        >>> from generators.acoustics import Tracer
+        >>> Tracer(seed=1, settings=TraceSettings(arrivals=5000, fixed_carriers=True)).settings.arrivals
+        5000
     """
 
     arrivals: int = 20_000

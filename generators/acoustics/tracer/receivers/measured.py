@@ -170,6 +170,10 @@ class SofaHead(HrirHead):
 
     Raises:
         Avs3dError: one line; see `read_hrirs` and `SphereMesh.of`.
+
+    Examples:
+        >>> SofaHead("head.sofa").channel_names  # doctest: +SKIP
+        ('left', 'right')
     """
 
     def __init__(self, path: str | Path) -> None:
