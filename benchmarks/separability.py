@@ -87,16 +87,41 @@ class Clips:
         """The same clips through a filter."""
         return Clips(np.stack([change(clip) for clip in self.samples]), self.labels, self.names)
 
-    def with_copies(self, seed: int) -> Clips:
+    def with_copies(self, seed: int, workers: int | None = 1) -> Clips:
         """The clips, and of each a copy with another response, floor and end of the spectrum."""
-        rng = np.random.default_rng(seed)
-        copies = np.stack([_copy(clip, rng) for clip in self.samples])
+        copies = each_part(_copies, self.samples, seed, workers)
         return Clips(np.concatenate([self.samples, copies]), np.tile(self.labels, 2), self.names * 2)
 
     @property
     def voices(self) -> NDArray[np.str_]:
         """(n,) ``category/voice`` of each clip."""
         return np.array([name.rsplit("/", 1)[0] for name in self.names])
+
+
+def each_part(work: Callable[[Array, Any], Array], samples: Array, thing: int | str, workers: int | None) -> Array:
+    """What ``work`` makes of all clips, a part of 256 at a time in processes.
+
+    Args:
+        work: (part (n, 44100), what it is told) → (n, …).
+        samples: (m, 44100).
+        thing: what it is told; a seed gets the number of the part behind it.
+        workers: processes; None: one per core.
+    """
+    from joblib import Parallel, delayed
+
+    parts = _chunks(samples)
+    things = [(thing, number) if isinstance(thing, int) else thing for number in range(len(parts))]
+    found = Parallel(n_jobs=workers or -1)(delayed(work)(part, one) for part, one in zip(parts, things, strict=True))
+    return np.concatenate(found)
+
+
+def _copies(part: Array, seed: tuple[int, int]) -> Array:
+    rng = np.random.default_rng(seed)
+    return np.stack([_copy(clip, rng) for clip in part])
+
+
+def _changed_features(part: Array, change: str) -> Array:
+    return features(np.stack([CHANGES[change](clip) for clip in part]))
 
 
 def _copy(clip: Array, rng: np.random.Generator) -> Array:
@@ -269,20 +294,22 @@ class _Network:
     """Four convolutions on log-mel spectrograms, trained with changed spectra, on a GPU where there is one.
 
     Args:
-        train: seconds and labels.
+        mel: (n, MELS, frames) `log_mel` of the training seconds.
+        numbers: (n,) of their categories.
         epochs: passes over them.
         seed: of weights and changes.
     """
 
-    def __init__(self, train: Clips, *, epochs: int = 25, seed: int = 0) -> None:
+    def __init__(
+        self, mel: NDArray[np.float32], numbers: NDArray[np.int64], *, epochs: int = 25, seed: int = 0
+    ) -> None:
         import torch
         from torch import nn
 
         torch.manual_seed(seed)
         self._device = "cuda" if torch.cuda.is_available() else "cpu"
-        mel = log_mel(train.samples)
         self._mean, self._deviation = mel.mean(), mel.std()
-        data, labels = self._tensor(mel), torch.from_numpy(train.labels).to(self._device)
+        data, labels = self._tensor(mel), torch.from_numpy(numbers).to(self._device)
         layers: list[Any] = []
         for before, after in ((1, 32), (32, 64), (64, 128), (128, 128)):
             layers += [nn.Conv2d(before, after, 3, padding=1), nn.BatchNorm2d(after), nn.ReLU(), nn.MaxPool2d(2)]
@@ -315,19 +342,25 @@ class _Network:
 
         return torch.from_numpy((mel - self._mean) / self._deviation)[:, None].to(self._device)
 
-    def probabilities(self, clips: Array) -> Array:
-        """(n, categories) of clips (n, 44100)."""
+    def probabilities(self, mel: NDArray[np.float32]) -> Array:
+        """(n, categories) of clips whose `log_mel` is ``mel``."""
         import torch
 
         with torch.no_grad():
-            parts = [self._model(part).softmax(dim=1) for part in torch.split(self._tensor(log_mel(clips)), 256)]
+            parts = [self._model(part).softmax(dim=1) for part in torch.split(self._tensor(mel), 256)]
         return np.asarray(torch.cat(parts).cpu().numpy(), dtype=np.float64)
 
 
 def _networks(train: Clips) -> Recogniser:
     """The mean answer of networks that differ by their seeds: one alone varies by some points between seeds."""
-    trained = [_Network(train, seed=seed) for seed in range(NETWORKS)]
-    return lambda clips: np.asarray(np.mean([one.probabilities(clips) for one in trained], axis=0))
+    mel = log_mel(train.samples)
+    trained = [_Network(mel, train.labels, seed=seed) for seed in range(NETWORKS)]
+
+    def answer(clips: Array) -> Array:
+        asked = log_mel(clips)
+        return np.asarray(np.mean([one.probabilities(asked) for one in trained], axis=0))
+
+    return answer
 
 
 def _changed(batch: Any, floor: float) -> Any:
@@ -431,26 +464,27 @@ def verdict(probabilities: Array, asked: Clips) -> dict[str, Any]:
     }
 
 
-def measure(train: Clips, sets: Mapping[str, Clips], *, cnn: bool) -> dict[str, Any]:
+def measure(train: Clips, sets: Mapping[str, Clips], *, cnn: bool, workers: int | None = None) -> dict[str, Any]:
     """All verdicts: recogniser → set → change → verdict.
 
     Args:
         train: what the recognisers are trained on.
         sets: what they are asked about.
         cnn: train the network, too.
+        workers: processes; None: one per core.
     """
     neighbour: dict[str, dict[str, Any]] = {which: {} for which in (*sets, LEFT_OUT)}
     network = _networks(train) if cnn else None
     of_network: dict[str, dict[str, Any]] = {which: {} for which in sets}
-    taught = train.with_copies(4)
+    taught = train.with_copies(4, workers)
     for name, change in CHANGES.items():
-        known = features(taught.filtered(change).samples)
+        known = each_part(_changed_features, taught.samples, name, workers)
         neighbour[LEFT_OUT][name] = verdict(left_out(taught, known, len(train.labels)), train)
         for which, asked in sets.items():
-            filtered = asked.filtered(change)
-            neighbour[which][name] = verdict(nearest(known, taught.labels, features(filtered.samples)), filtered)
+            answers = nearest(known, taught.labels, each_part(_changed_features, asked.samples, name, workers))
+            neighbour[which][name] = verdict(answers, asked)
             if network is not None:
-                of_network[which][name] = verdict(network(filtered.samples), filtered)
+                of_network[which][name] = verdict(network(asked.filtered(change).samples), asked)
     top = top_octave(train)
     of_top = {which: {"whole": verdict(top(asked.samples), asked)} for which, asked in sets.items()}
     report = {"nearest neighbour": neighbour, "10 to 20 kHz alone": of_top}
@@ -492,7 +526,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         split: of_voices(split, 1 + n, options.asked, options.workers) for n, split in enumerate(("validation", "test"))
     }
     sets["recordings"] = of_recordings(options.recordings, 3)
-    report = measure(train, sets, cnn=options.cnn)
+    report = measure(train, sets, cnn=options.cnn, workers=options.workers)
     write_json(options.output, report)
     for name, sets in report.items():
         for which, changes in sets.items():
