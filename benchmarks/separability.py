@@ -7,8 +7,7 @@ spectrograms, are trained on seconds of *train* voices, dry and reverberant, and
 *test* voices and of recordings: as they are, and low-passed at 4, 8 and 16 kHz. In brackets: takes of ten seconds, over
 which the answers are averaged. A benchmark whose sounds a fingerprint solves would be near 100 % on test voices; one
 whose sounds say nothing of real ones would be at chance, 14 %, on recordings. A third recogniser has nothing but the
-mean spectrum from 10 to 20 kHz. The nearest neighbour has a copy of each training second, too, with another response,
-floor and end of the spectrum; its training seconds pass the same filter as those that are asked
+mean spectrum from 10 to 20 kHz. The nearest neighbour's training seconds pass the same filter as those that are asked
 about; the network is trained once, on spectra that end at random frequencies. It is also asked about each training
 voice after training on the others, which says how much of a miss is the distance between any two voices. FILE.json
 holds one run, so that all its rows have one size.
@@ -35,7 +34,6 @@ from avs3d_bench.formats.files import write_json
 from avs3d_bench.runtime.parallel import process_each
 from benchmarks.voices import recordings
 from generators.assets.sounds import synthesise, voices
-from generators.assets.sounds.capture import KNOTS, shaped
 from generators.assets.sounds.recordings import resampled
 
 Array = NDArray[np.float64]
@@ -62,9 +60,6 @@ DEPTH = 6.0
 NEIGHBOURS = 15
 #: Added to the modulation before its logarithm is taken: what steady noise has.
 MODULATION_FLOOR = 0.3
-#: How the copies of training seconds differ: deviation of the response per octave (dB), floor (dB below the sound), its
-#: slope (dB per octave), share with an end of the spectrum, where it lies (Hz).
-COPY_DB, COPY_FLOOR_DB, COPY_SLOPE, COPY_ENDS, COPY_END = 2.0, (8.0, 45.0), (-7.0, 0.0), 0.5, (3000.0, 18_000.0)
 #: Share of clips with reverberation, decay times (s) and direct-to-reverberant ratios (dB).
 REVERBERANT, T60, DIRECT_DB = 0.5, (0.25, 0.9), (-9.0, 6.0)
 
@@ -87,53 +82,22 @@ class Clips:
         """The same clips through a filter."""
         return Clips(np.stack([change(clip) for clip in self.samples]), self.labels, self.names)
 
-    def with_copies(self, seed: int, workers: int | None = 1) -> Clips:
-        """The clips, and of each a copy with another response, floor and end of the spectrum."""
-        copies = each_part(_copies, self.samples, seed, workers)
-        return Clips(np.concatenate([self.samples, copies]), np.tile(self.labels, 2), self.names * 2)
-
     @property
     def voices(self) -> NDArray[np.str_]:
         """(n,) ``category/voice`` of each clip."""
         return np.array([name.rsplit("/", 1)[0] for name in self.names])
 
 
-def each_part(work: Callable[[Array, Any], Array], samples: Array, thing: int | str, workers: int | None) -> Array:
-    """What ``work`` makes of all clips, a part of 256 at a time in processes.
-
-    Args:
-        work: (part (n, 44100), what it is told) → (n, …).
-        samples: (m, 44100).
-        thing: what it is told; a seed gets the number of the part behind it.
-        workers: processes; None: one per core.
-    """
+def changed_features(samples: Array, change: str, workers: int | None) -> Array:
+    """(n, 190) `features` of clips (n, 44100) after one of `CHANGES`, in processes (None: one per core)."""
     from joblib import Parallel, delayed
 
-    parts = _chunks(samples)
-    things = [(thing, number) if isinstance(thing, int) else thing for number in range(len(parts))]
-    found = Parallel(n_jobs=workers or -1)(delayed(work)(part, one) for part, one in zip(parts, things, strict=True))
-    return np.concatenate(found)
-
-
-def _copies(part: Array, seed: tuple[int, int]) -> Array:
-    rng = np.random.default_rng(seed)
-    return np.stack([_copy(clip, rng) for clip in part])
+    parts = Parallel(n_jobs=workers or -1)(delayed(_changed_features)(part, change) for part in _chunks(samples))
+    return np.concatenate(parts)
 
 
 def _changed_features(part: Array, change: str) -> Array:
     return features(np.stack([CHANGES[change](clip) for clip in part]))
-
-
-def _copy(clip: Array, rng: np.random.Generator) -> Array:
-    """The clip (n,) as a worse microphone in a louder room would have it, at the same level."""
-    level = np.sqrt(np.mean(np.square(clip)))
-    heard = shaped(clip, np.cumsum(rng.normal(0.0, COPY_DB, len(KNOTS))))
-    floor = shaped(rng.standard_normal(len(clip)), rng.uniform(*COPY_SLOPE) * np.log2(KNOTS / 1000.0))
-    below = 10 ** (-rng.uniform(*COPY_FLOOR_DB) / 20)
-    heard = heard + floor * (below * np.sqrt(np.mean(np.square(heard)) / np.mean(np.square(floor))))
-    if rng.random() < COPY_ENDS:
-        heard = low_pass(float(np.exp(rng.uniform(*np.log(COPY_END)))))(heard)
-    return np.asarray(heard * (level / np.sqrt(np.mean(np.square(heard)))))
 
 
 def of_voices(split: str, seed: int, units: int, workers: int | None) -> Clips:
@@ -414,24 +378,22 @@ CHANGES: dict[str, Filter] = {
 }
 
 
-def left_out(train: Clips, known: Array, count: int) -> Array:
-    """(count, categories) answers of the nearest neighbour about each training voice, after training on the others.
+def left_out(train: Clips, known: Array) -> Array:
+    """(n, categories) answers of the nearest neighbour about each training voice, after training on the others.
 
-    One voice of each category is left out at a time.
+    One voice of each category that has one left is left out at a time.
 
     Args:
-        train: the training seconds, then their copies.
+        train: the training seconds.
         known: (n, features) their features.
-        count: how many of them are asked about: the seconds without the copies.
     """
     of_category: dict[str, list[str]] = {}
     for voice in dict.fromkeys(train.voices):
         of_category.setdefault(voice.split("/")[0], []).append(voice)
-    out = np.zeros((count, len(CATEGORIES)))
+    out = np.zeros((len(known), len(CATEGORIES)))
     for held in zip_longest(*of_category.values()):
-        without = np.isin(train.voices, [voice for voice in held if voice])
-        asked = without[:count]
-        out[asked] = nearest(known[~without], train.labels[~without], known[:count][asked])
+        asked = np.isin(train.voices, [voice for voice in held if voice])
+        out[asked] = nearest(known[~asked], train.labels[~asked], known[asked])
     return out
 
 
@@ -476,12 +438,11 @@ def measure(train: Clips, sets: Mapping[str, Clips], *, cnn: bool, workers: int 
     neighbour: dict[str, dict[str, Any]] = {which: {} for which in (*sets, LEFT_OUT)}
     network = _networks(train) if cnn else None
     of_network: dict[str, dict[str, Any]] = {which: {} for which in sets}
-    taught = train.with_copies(4, workers)
     for name, change in CHANGES.items():
-        known = each_part(_changed_features, taught.samples, name, workers)
-        neighbour[LEFT_OUT][name] = verdict(left_out(taught, known, len(train.labels)), train)
+        known = changed_features(train.samples, name, workers)
+        neighbour[LEFT_OUT][name] = verdict(left_out(train, known), train)
         for which, asked in sets.items():
-            answers = nearest(known, taught.labels, each_part(_changed_features, asked.samples, name, workers))
+            answers = nearest(known, train.labels, changed_features(asked.samples, name, workers))
             neighbour[which][name] = verdict(answers, asked)
             if network is not None:
                 of_network[which][name] = verdict(network(asked.filtered(change).samples), asked)
