@@ -90,7 +90,7 @@ class Clips:
 
 def changed_features(samples: Array, change: str, workers: int | None) -> Array:
     """(n, 190) `features` of clips (n, 44100) after one of `CHANGES`, in processes (None: one per core)."""
-    from joblib import Parallel, delayed
+    from sklearn.utils.parallel import Parallel, delayed
 
     parts = Parallel(n_jobs=workers or -1)(delayed(_changed_features)(part, change) for part in _chunks(samples))
     return np.concatenate(parts)
