@@ -7,8 +7,7 @@ spectrograms, are trained on seconds of *train* voices, dry and reverberant, and
 *test* voices and of recordings: as they are, and low-passed at 4, 8 and 16 kHz. In brackets: takes of ten seconds, over
 which the answers are averaged. A benchmark whose sounds a fingerprint solves would be near 100 % on test voices; one
 whose sounds say nothing of real ones would be at chance, 14 %, on recordings. A third recogniser has nothing but the
-mean spectrum from 10 to 20 kHz. The nearest neighbour has a copy of each training second, too, with another response,
-floor and end of the spectrum; its training seconds pass the same filter as those that are asked
+mean spectrum from 10 to 20 kHz. The nearest neighbour's training seconds pass the same filter as those that are asked
 about; the network is trained once, on spectra that end at random frequencies. It is also asked about each training
 voice after training on the others, which says how much of a miss is the distance between any two voices. FILE.json
 holds one run, so that all its rows have one size.
@@ -35,7 +34,6 @@ from avs3d_bench.formats.files import write_json
 from avs3d_bench.runtime.parallel import process_each
 from benchmarks.voices import recordings
 from generators.assets.sounds import synthesise, voices
-from generators.assets.sounds.capture import KNOTS, shaped
 from generators.assets.sounds.recordings import resampled
 
 Array = NDArray[np.float64]
@@ -62,9 +60,6 @@ DEPTH = 6.0
 NEIGHBOURS = 15
 #: Added to the modulation before its logarithm is taken: what steady noise has.
 MODULATION_FLOOR = 0.3
-#: How the copies of training seconds differ: deviation of the response per octave (dB), floor (dB below the sound), its
-#: slope (dB per octave), share with an end of the spectrum, where it lies (Hz).
-COPY_DB, COPY_FLOOR_DB, COPY_SLOPE, COPY_ENDS, COPY_END = 2.0, (8.0, 45.0), (-7.0, 0.0), 0.5, (3000.0, 18_000.0)
 #: Share of clips with reverberation, decay times (s) and direct-to-reverberant ratios (dB).
 REVERBERANT, T60, DIRECT_DB = 0.5, (0.25, 0.9), (-9.0, 6.0)
 
@@ -87,28 +82,22 @@ class Clips:
         """The same clips through a filter."""
         return Clips(np.stack([change(clip) for clip in self.samples]), self.labels, self.names)
 
-    def with_copies(self, seed: int) -> Clips:
-        """The clips, and of each a copy with another response, floor and end of the spectrum."""
-        rng = np.random.default_rng(seed)
-        copies = np.stack([_copy(clip, rng) for clip in self.samples])
-        return Clips(np.concatenate([self.samples, copies]), np.tile(self.labels, 2), self.names * 2)
-
     @property
     def voices(self) -> NDArray[np.str_]:
         """(n,) ``category/voice`` of each clip."""
         return np.array([name.rsplit("/", 1)[0] for name in self.names])
 
 
-def _copy(clip: Array, rng: np.random.Generator) -> Array:
-    """The clip (n,) as a worse microphone in a louder room would have it, at the same level."""
-    level = np.sqrt(np.mean(np.square(clip)))
-    heard = shaped(clip, np.cumsum(rng.normal(0.0, COPY_DB, len(KNOTS))))
-    floor = shaped(rng.standard_normal(len(clip)), rng.uniform(*COPY_SLOPE) * np.log2(KNOTS / 1000.0))
-    below = 10 ** (-rng.uniform(*COPY_FLOOR_DB) / 20)
-    heard = heard + floor * (below * np.sqrt(np.mean(np.square(heard)) / np.mean(np.square(floor))))
-    if rng.random() < COPY_ENDS:
-        heard = low_pass(float(np.exp(rng.uniform(*np.log(COPY_END)))))(heard)
-    return np.asarray(heard * (level / np.sqrt(np.mean(np.square(heard)))))
+def changed_features(samples: Array, change: str, workers: int | None) -> Array:
+    """(n, 190) `features` of clips (n, 44100) after one of `CHANGES`, in processes (None: one per core)."""
+    from sklearn.utils.parallel import Parallel, delayed
+
+    parts = Parallel(n_jobs=workers or -1)(delayed(_changed_features)(part, change) for part in _chunks(samples))
+    return np.concatenate(parts)
+
+
+def _changed_features(part: Array, change: str) -> Array:
+    return features(np.stack([CHANGES[change](clip) for clip in part]))
 
 
 def of_voices(split: str, seed: int, units: int, workers: int | None) -> Clips:
@@ -269,20 +258,22 @@ class _Network:
     """Four convolutions on log-mel spectrograms, trained with changed spectra, on a GPU where there is one.
 
     Args:
-        train: seconds and labels.
+        mel: (n, MELS, frames) `log_mel` of the training seconds.
+        numbers: (n,) of their categories.
         epochs: passes over them.
         seed: of weights and changes.
     """
 
-    def __init__(self, train: Clips, *, epochs: int = 25, seed: int = 0) -> None:
+    def __init__(
+        self, mel: NDArray[np.float32], numbers: NDArray[np.int64], *, epochs: int = 25, seed: int = 0
+    ) -> None:
         import torch
         from torch import nn
 
         torch.manual_seed(seed)
         self._device = "cuda" if torch.cuda.is_available() else "cpu"
-        mel = log_mel(train.samples)
         self._mean, self._deviation = mel.mean(), mel.std()
-        data, labels = self._tensor(mel), torch.from_numpy(train.labels).to(self._device)
+        data, labels = self._tensor(mel), torch.from_numpy(numbers).to(self._device)
         layers: list[Any] = []
         for before, after in ((1, 32), (32, 64), (64, 128), (128, 128)):
             layers += [nn.Conv2d(before, after, 3, padding=1), nn.BatchNorm2d(after), nn.ReLU(), nn.MaxPool2d(2)]
@@ -315,19 +306,25 @@ class _Network:
 
         return torch.from_numpy((mel - self._mean) / self._deviation)[:, None].to(self._device)
 
-    def probabilities(self, clips: Array) -> Array:
-        """(n, categories) of clips (n, 44100)."""
+    def probabilities(self, mel: NDArray[np.float32]) -> Array:
+        """(n, categories) of clips whose `log_mel` is ``mel``."""
         import torch
 
         with torch.no_grad():
-            parts = [self._model(part).softmax(dim=1) for part in torch.split(self._tensor(log_mel(clips)), 256)]
+            parts = [self._model(part).softmax(dim=1) for part in torch.split(self._tensor(mel), 256)]
         return np.asarray(torch.cat(parts).cpu().numpy(), dtype=np.float64)
 
 
 def _networks(train: Clips) -> Recogniser:
     """The mean answer of networks that differ by their seeds: one alone varies by some points between seeds."""
-    trained = [_Network(train, seed=seed) for seed in range(NETWORKS)]
-    return lambda clips: np.asarray(np.mean([one.probabilities(clips) for one in trained], axis=0))
+    mel = log_mel(train.samples)
+    trained = [_Network(mel, train.labels, seed=seed) for seed in range(NETWORKS)]
+
+    def answer(clips: Array) -> Array:
+        asked = log_mel(clips)
+        return np.asarray(np.mean([one.probabilities(asked) for one in trained], axis=0))
+
+    return answer
 
 
 def _changed(batch: Any, floor: float) -> Any:
@@ -381,24 +378,22 @@ CHANGES: dict[str, Filter] = {
 }
 
 
-def left_out(train: Clips, known: Array, count: int) -> Array:
-    """(count, categories) answers of the nearest neighbour about each training voice, after training on the others.
+def left_out(train: Clips, known: Array) -> Array:
+    """(n, categories) answers of the nearest neighbour about each training voice, after training on the others.
 
-    One voice of each category is left out at a time.
+    One voice of each category that has one left is left out at a time.
 
     Args:
-        train: the training seconds, then their copies.
+        train: the training seconds.
         known: (n, features) their features.
-        count: how many of them are asked about: the seconds without the copies.
     """
     of_category: dict[str, list[str]] = {}
     for voice in dict.fromkeys(train.voices):
         of_category.setdefault(voice.split("/")[0], []).append(voice)
-    out = np.zeros((count, len(CATEGORIES)))
+    out = np.zeros((len(known), len(CATEGORIES)))
     for held in zip_longest(*of_category.values()):
-        without = np.isin(train.voices, [voice for voice in held if voice])
-        asked = without[:count]
-        out[asked] = nearest(known[~without], train.labels[~without], known[:count][asked])
+        asked = np.isin(train.voices, [voice for voice in held if voice])
+        out[asked] = nearest(known[~asked], train.labels[~asked], known[asked])
     return out
 
 
@@ -431,26 +426,26 @@ def verdict(probabilities: Array, asked: Clips) -> dict[str, Any]:
     }
 
 
-def measure(train: Clips, sets: Mapping[str, Clips], *, cnn: bool) -> dict[str, Any]:
+def measure(train: Clips, sets: Mapping[str, Clips], *, cnn: bool, workers: int | None = None) -> dict[str, Any]:
     """All verdicts: recogniser → set → change → verdict.
 
     Args:
         train: what the recognisers are trained on.
         sets: what they are asked about.
         cnn: train the network, too.
+        workers: processes; None: one per core.
     """
     neighbour: dict[str, dict[str, Any]] = {which: {} for which in (*sets, LEFT_OUT)}
     network = _networks(train) if cnn else None
     of_network: dict[str, dict[str, Any]] = {which: {} for which in sets}
-    taught = train.with_copies(4)
     for name, change in CHANGES.items():
-        known = features(taught.filtered(change).samples)
-        neighbour[LEFT_OUT][name] = verdict(left_out(taught, known, len(train.labels)), train)
+        known = changed_features(train.samples, name, workers)
+        neighbour[LEFT_OUT][name] = verdict(left_out(train, known), train)
         for which, asked in sets.items():
-            filtered = asked.filtered(change)
-            neighbour[which][name] = verdict(nearest(known, taught.labels, features(filtered.samples)), filtered)
+            answers = nearest(known, train.labels, changed_features(asked.samples, name, workers))
+            neighbour[which][name] = verdict(answers, asked)
             if network is not None:
-                of_network[which][name] = verdict(network(filtered.samples), filtered)
+                of_network[which][name] = verdict(network(asked.filtered(change).samples), asked)
     top = top_octave(train)
     of_top = {which: {"whole": verdict(top(asked.samples), asked)} for which, asked in sets.items()}
     report = {"nearest neighbour": neighbour, "10 to 20 kHz alone": of_top}
@@ -492,7 +487,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         split: of_voices(split, 1 + n, options.asked, options.workers) for n, split in enumerate(("validation", "test"))
     }
     sets["recordings"] = of_recordings(options.recordings, 3)
-    report = measure(train, sets, cnn=options.cnn)
+    report = measure(train, sets, cnn=options.cnn, workers=options.workers)
     write_json(options.output, report)
     for name, sets in report.items():
         for which, changes in sets.items():

@@ -89,19 +89,7 @@ def test_shares_of_recognisers_stand_below_their_own_filter() -> None:
 def test_a_voice_that_is_left_out_is_not_its_own_neighbour() -> None:
     """Each voice lies beside one of the other category: only what it was trained on itself would be right."""
     names = [f"{voice}/0" for voice in ("clock/a", "clock/b", "toilet/a", "toilet/b") for _ in range(3)]
-    clips = separability.Clips(np.zeros((24, 1)), np.tile(np.repeat([5, 1], 6), 2), 2 * names)
+    clips = separability.Clips(np.zeros((12, 1)), np.repeat([5, 1], 6), names)
     known = np.repeat([0.0, 10.0, 9.0, 1.0], 3)[:, None] + np.tile([0.0, 0.1, 0.2], 4)[:, None]
-    answers = separability.left_out(clips, np.concatenate([known, known + 0.01]), 12)
+    answers = separability.left_out(clips, known)
     assert answers.argmax(axis=1).tolist() == [1] * 6 + [5] * 6
-
-
-def test_a_copy_has_the_level_and_the_name_of_its_second_and_another_spectrum() -> None:
-    """Broadband noise, so that every response, floor and end of the spectrum changes it."""
-    noise = np.random.default_rng(0).standard_normal((3, 44_100))
-    clips = separability.Clips(noise, np.array([5, 1, 1]), ["clock/a/0", "toilet/a/0", "toilet/b/0"])
-    both = clips.with_copies(1)
-    assert both.names == 2 * clips.names
-    assert both.labels.tolist() == [5, 1, 1, 5, 1, 1]
-    assert np.array_equal(both.samples[:3], noise)
-    assert np.sqrt(np.mean(both.samples[3:] ** 2, axis=1)) == pytest.approx(np.sqrt(np.mean(noise**2, axis=1)))
-    assert np.abs(np.mean(both.samples[3:] * noise, axis=1)).max() < 0.995

@@ -27,8 +27,7 @@ _RESPONSE_DB = 2.5
 #: Level of the floor below the sound (dB), and the slope of its spectrum (dB per octave).
 _FLOOR_DB = (35.0, 62.0)
 _FLOOR_SLOPE = (-6.0, -1.0)
-#: Frequencies of the knots of a response (Hz), an octave apart.
-KNOTS = 31.25 * 2.0 ** np.arange(11)
+_KNOTS = 31.25 * 2.0 ** np.arange(11)
 
 
 def captured(signal: Array, rng: Generator) -> Array:
@@ -41,7 +40,7 @@ def captured(signal: Array, rng: Generator) -> Array:
     Returns:
         (n,) float64.
     """
-    response = np.cumsum(rng.normal(0.0, _RESPONSE_DB / 2.0, len(KNOTS)))
+    response = np.cumsum(rng.normal(0.0, _RESPONSE_DB / 2.0, len(_KNOTS)))
     response -= response.mean()
     end = float(np.exp(rng.uniform(*np.log(_END))))
     steep = int(rng.integers(*_STEEPNESS, endpoint=True))
@@ -50,21 +49,21 @@ def captured(signal: Array, rng: Generator) -> Array:
     below = rng.uniform(*_FLOOR_DB)
     slope = rng.uniform(*_FLOOR_SLOPE)
     level = float(np.sqrt(np.mean(np.square(signal)))) if len(signal) else 0.0
-    floor = shaped(rng.standard_normal(len(signal)), slope * np.log2(KNOTS / 1000.0))
+    floor = _shaped(rng.standard_normal(len(signal)), slope * np.log2(_KNOTS / 1000.0))
     scale = float(np.sqrt(np.mean(np.square(floor)))) if len(signal) else 0.0
-    heard = shaped(signal, response)
+    heard = _shaped(signal, response)
     if scale > 0:
         heard = heard + floor * (level / scale * 10 ** (-below / 20))
     heard = sosfilt(high_pass, heard)
     return np.asarray(sosfilt(butter(steep, end, "lowpass", fs=SAMPLE_RATE, output="sos"), heard))
 
 
-def shaped(signal: Array, gains_db: Array) -> Array:
-    """The signal (n,) with gains (dB) at `KNOTS`, interpolated over octaves; zero phase."""
+def _shaped(signal: Array, gains_db: Array) -> Array:
+    """The signal with gains (dB) at `_KNOTS`, interpolated over octaves; zero phase."""
     if not len(signal):
         return signal
     spectrum = np.fft.rfft(signal)
     frequencies = np.fft.rfftfreq(len(signal), 1 / SAMPLE_RATE)
-    octaves = np.log2(np.maximum(frequencies, KNOTS[0]) / KNOTS[0])
-    gains = np.interp(octaves, np.arange(len(KNOTS)), gains_db)
+    octaves = np.log2(np.maximum(frequencies, _KNOTS[0]) / _KNOTS[0])
+    gains = np.interp(octaves, np.arange(len(_KNOTS)), gains_db)
     return np.fft.irfft(spectrum * 10 ** (gains / 20), len(signal))
