@@ -76,20 +76,27 @@ def strict_rows(runs: Mapping[str, Any]) -> list[list[str]]:
         runs: name in `RUNS` → what `figures_of` found.
     """
     return [
-        [title, answer, part, *(cell(runs[run][f"{dataset}-{row}"][part]["strict_IoU"]) for run in RUNS)]
+        [title, answer, part, *_cells(runs, f"{dataset}-{row}", part, "strict_IoU")]
         for dataset, title in TESTS.items()
         for row, answer in ANSWERS.items()
         for part in ("part_1", "part_2")
+        if any(f"{dataset}-{row}" in found for found in runs.values())
     ]
 
 
 def listen_rows(runs: Mapping[str, Any]) -> list[list[str]]:
     """Rows of ``listen`` for the docs: the figure, the answer, and a cell for each of `RUNS`; see `strict_rows`."""
     return [
-        [metric, answer, *(cell(runs[run][f"listen-{row}"]["part_3"][metric]) for run in RUNS)]
+        [metric, answer, *_cells(runs, f"listen-{row}", "part_3", metric)]
         for metric in LISTEN_FIGURES
         for row, answer in ANSWERS.items()
+        if any(f"listen-{row}" in found for found in runs.values())
     ]
+
+
+def _cells(runs: Mapping[str, Any], name: str, part: str, metric: str) -> list[str]:
+    """A cell for each of `RUNS`; a dash where a run lacks the row."""
+    return [cell(runs[run][name][part][metric]) if name in runs[run] else "–" for run in RUNS]
 
 
 def control_rows(found: Mapping[str, Any]) -> list[list[str]]:

@@ -96,3 +96,82 @@ def test_a_frame_keeps_the_component_that_the_chosen_voxels_are_seen_in(found: A
     assert not mask[:, 63:].any()
     nothing = direction_alone.DirectionMethod(model)._of_points(frame, seen(view), left, TELEPHONE, view)
     assert not nothing.any()
+
+
+def named(audible: dict[int, float]) -> Answer:
+    """An answer that hears categories and sees nothing."""
+    heard = np.full(len(CATEGORIES), 0.02, np.float32)
+    heard[list(audible)] = list(audible.values())
+    return Answer(np.zeros((4, 4), np.float32), np.zeros((1 + len(CATEGORIES), 4, 4), np.float32), heard)
+
+
+def method(cues: direction_alone.Cues, answers: list[Answer], monkeypatch: pytest.MonkeyPatch) -> Any:
+    """A method with two candidates, a clock of 40 voxels and a telephone of 20, and given answers for its views."""
+    labels = np.repeat([0, 1], [40, 20])
+    found = np.zeros((60, 3)), labels, np.where(labels == 0, CLOCK, TELEPHONE)
+    monkeypatch.setattr(direction_alone, "candidates", lambda *_: found)
+    made = direction_alone.DirectionMethod(ListenerMethod(None, torch.device("cpu"), "0" * 64), cues)
+    monkeypatch.setattr(type(made), "seen", lambda *_: answers)
+    monkeypatch.setattr(type(made), "_clips", lambda *_: np.zeros((len(answers), 2, 44_100), np.float32))
+    return made
+
+
+@pytest.mark.parametrize(
+    ("cues", "place", "heard", "category"),
+    [
+        ("direction", 0.0, 0.9, CLOCK),  # as likely by place: the larger one
+        ("both", 0.0, 0.9, TELEPHONE),  # … and by name: the one that is heard
+        ("both", -40.0, 0.9, CLOCK),  # a place that is far less likely outweighs the name
+        ("both", 0.0, 0.02, CLOCK),  # nothing is heard by name
+    ],
+)
+def test_name_and_place_choose_together(
+    monkeypatch: pytest.MonkeyPatch, cues: direction_alone.Cues, place: float, heard: float, category: int
+) -> None:
+    choice = SimpleNamespace(labels=np.arange(2), scores=np.array([0.0, place]), heard=9)
+    monkeypatch.setattr(spatial, "choose", lambda *_: choice)
+    found = method(cues, [named({TELEPHONE: heard})] * 9, monkeypatch)._chosen(walk())
+    assert found is not None
+    assert found[1] == category
+
+
+@pytest.mark.parametrize("cues", ["direction", "both"])
+def test_a_walk_without_sound_marks_nothing(monkeypatch: pytest.MonkeyPatch, cues: direction_alone.Cues) -> None:
+    choice = SimpleNamespace(labels=np.arange(2), scores=np.zeros(2), heard=0)
+    monkeypatch.setattr(spatial, "choose", lambda *_: choice)
+    assert method(cues, [named({})] * 9, monkeypatch)._chosen(walk()) is None
+
+
+def test_in_part_3_a_name_that_is_heard_confirms_a_candidate_and_another_one_does_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    posterior = np.array([[0.4, 0.4], [0.4, 0.9]])
+    monkeypatch.setattr(direction_alone, "cluster_activity", lambda *_, **__: SimpleNamespace(posterior=posterior))
+    answers = [named({CLOCK: 0.9}), named({CLOCK: 0.9})]
+    labels = np.repeat([0, 1], [40, 20])
+    found = np.zeros((60, 3)), labels, np.where(labels == 0, CLOCK, TELEPHONE), walk()[:2], answers
+    both = method("both", answers, monkeypatch)._sounding(*found)
+    assert both.tolist() == [[True, False], [True, True]]
+    alone = method("direction", answers, monkeypatch)._sounding(*found)
+    assert alone.tolist() == [[False, False], [False, True]]
+
+
+def test_where_the_network_misses_the_chosen_object_its_silhouette_lowers_the_threshold(found: Any) -> None:
+    views, (points, _, _) = found
+    model = ListenerMethod(None, torch.device("cpu"), "0" * 64, refine="none")
+    frame: Any = SimpleNamespace(rgb=lambda: np.zeros((126, 126, 3), np.uint8))
+    answer, left, view = seen(views[4]), points[points[:, 0] < -0.6], views[4]
+    sure = direction_alone.DirectionMethod(model)._of_points(frame, answer, left, CLOCK, view)
+    answer.classes[1:] *= 0.3  # below `OBJECT`: neither clock is a component
+    unsure = direction_alone.DirectionMethod(model)._of_points(frame, answer, left, CLOCK, view)
+    assert (sure & unsure).sum() / (sure | unsure).sum() > 0.6
+    assert not unsure[:, 63:].any()
+
+
+def test_a_silhouette_is_where_voxels_are(found: Any) -> None:
+    views, _ = found
+    inside = direction_alone.silhouette(np.array([[0.0, 0.0, 2.0]]), views[4], (CELLS, CELLS))
+    rows, columns = np.nonzero(inside)
+    assert abs(rows.mean() - 31) < 1
+    assert abs(columns.mean() - 31) < 1
+    assert 1 <= inside.sum() <= 16  # a voxel of 10 cm at 2 m: 1.6 cells of 63 over 90°

@@ -21,8 +21,8 @@ from benchmarks.listener_tables import ROWS, RUN_JSON, labelled, rows_of  # noqa
 from tests.support import score_examples, tiny_scenes  # noqa: E402
 from tests.support.tiny_listener import SMALL  # noqa: E402
 
-#: Rows that hear something else than their own sound.
-CONTROLS = ("no-sound", "wrong-sound", "same-category", "swapped-ears", "both-ears-mean", "direction")
+#: Rows of the listener beside its own answer to its own sound.
+CONTROLS = ("no-sound", "wrong-sound", "same-category", "swapped-ears", "both-ears-mean", "direction", "both")
 PAGE = "# Listener\n\nbefore\n\n<!-- tables -->\nold\n<!-- end of tables -->\n\nafter\n"
 
 
@@ -52,6 +52,12 @@ def run(folder: Path, *extra: str) -> str:
 def test_the_rows_of_a_kind_or_a_name() -> None:
     assert [row.name for row in rows_of(["listener", "spatial"])] == ["2d", *CONTROLS, "spatial"]
     assert set(listener_tables.KINDS) == {row.kind for row in ROWS.values()}
+    controls = rows_of(["controls"])
+    assert len(controls) == 10
+    assert {(row.name, row.answer, row.setting) for row in controls} > {
+        ("both-no-sound", "both", "none"),
+        ("direction-swapped-ears", "direction", "swapped-ears"),
+    }
 
 
 def test_labels_are_names_of_folders_unless_they_are_given(tmp_path: Path) -> None:
