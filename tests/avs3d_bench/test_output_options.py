@@ -249,7 +249,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 def states(folder: Path) -> dict[str, tuple[int, int, int]]:
-    """Name of each file → which file it is, its size, and when it was written (ns): each writing changes one of them."""
+    """Name of each file → its number, size and time of change (ns), one of which each writing changes."""
     found = {path: path.stat() for path in folder.rglob("*") if path.is_file()}
     return {str(path.relative_to(folder)): (one.st_ino, one.st_size, one.st_mtime_ns) for path, one in found.items()}
 
