@@ -95,10 +95,10 @@ def folder(desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def smaller(block: Block) -> Block:
-    """The block with at most 8 frames, and pictures of at most 252 pixels to a side."""
+    """The block with at most 8 frames, and pictures of at most 252 pixels to a side, in Python 96."""
     code = block.code
-    for option, most in (("--frames", 8), ("--size", 252)):
-        code = re.sub(rf"({option}) (\d+)", lambda found, most=most: f"{found[1]} {min(int(found[2]), most)}", code)
+    for option, most in (("--frames ", 8), ("--size ", 252), (r"from_fov\(", 96)):
+        code = re.sub(rf"({option})(\d+)", lambda found, most=most: f"{found[1]}{min(int(found[2]), most)}", code)
     return replace(block, code=code)
 
 
