@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import graphlib
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -221,6 +222,7 @@ def modules(package: str) -> dict[str, Path]:
 MODULES = {name: path for package in PACKAGES for name, path in modules(package).items()}
 
 
+@cache
 def edges(name: str) -> set[str]:
     """Modules of ours that a module imports, anywhere in it: inside functions and for type checkers, too."""
     found = set()

@@ -25,6 +25,7 @@ from avs3d_bench.scheduling.tasks import Event, Policy, Success, Task
 from avs3d_bench.validate import validate
 from tests.support import scheduling_tasks as work
 from tests.support.homes import tree_digest, write_manifest
+from tests.support.once import made_once
 
 pytest.importorskip("distributed", reason="distributed is not installed; it is in the cluster extra")
 
@@ -49,10 +50,14 @@ def call(manifest: Path, root: Path, *more: object) -> tuple[int, str]:
 @pytest.fixture(scope="module")
 def plain(manifest: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """The tree as the local scheduler makes it."""
-    root = tmp_path_factory.mktemp("plain") / "data"
-    code, output = call(manifest, root, "--workers", "2")
-    assert code == 0, output
-    return tree_digest(root)
+
+    def make() -> dict[str, str]:
+        root = tmp_path_factory.mktemp("plain") / "data"
+        code, output = call(manifest, root, "--workers", "2")
+        assert code == 0, output
+        return tree_digest(root)
+
+    return made_once("cluster-plain", make)
 
 
 def waited(what: Any, seconds: float = 60.0) -> Any:

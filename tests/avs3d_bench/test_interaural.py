@@ -6,7 +6,7 @@ room, a small hard one, and a large hard one; a steady tone, which tells nothing
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -32,6 +32,7 @@ from generators.assets.sounds import synthesise
 from generators.backends import acoustic_backend
 from generators.options import EngineOptions
 from tests.support.acoustic_rooms import box_scene
+from tests.support.once import made_once
 
 RATE, FRAMES = layout.SAMPLE_RATE, 24
 #: Size (m), absorption and where the source is. The small hard room is that of a phone scan of 26 m³: direct sound at
@@ -46,6 +47,10 @@ TELLING = ("noise", "whistle", "beep", "alarm", "telephone", "clock")
 
 @cache
 def signal(kind: str, seconds: int) -> NDArray[np.float64]:
+    return made_once(f"interaural-{kind}-{seconds}", partial(_signal, kind, seconds))
+
+
+def _signal(kind: str, seconds: int) -> NDArray[np.float64]:
     rng, t = np.random.default_rng(3), np.arange(seconds * RATE) / RATE
     if kind in ("telephone", "clock"):
         return np.asarray(synthesise(kind, seconds, rng), dtype=np.float64)

@@ -22,6 +22,7 @@ from avs3d_bench.dataset import Dataset
 from avs3d_bench.exports.qa.write import QaOptions, write_qa
 from avs3d_bench.exports.release.write import write_release
 from avs3d_bench.exports.webdataset import write_webdataset
+from avs3d_bench.runtime.doctor import core_checks
 from baselines.questions import write_answers
 from baselines.trivial import write_trivial
 from evaluators import cli as evaluator
@@ -216,9 +217,13 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def place(inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of the inputs. Of networks without weights here, only the check of the output is reached."""
+    """A copy of the inputs. Of networks without weights here, only the check of the output is reached.
+
+    What else the doctor looks at, in processes of their own, is another test's matter.
+    """
     shutil.copytree(inputs, tmp_path / "in")
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("avs3d_bench.runtime.doctor.all_checks", core_checks)
     network = SimpleNamespace(masks_of=None, masks=None, method="network", notes="")
     monkeypatch.setattr("baselines.owod_bind.run.load_owod_bind", lambda **_: network)
     monkeypatch.setattr("baselines.denseav.load_denseav", lambda *_, **__: network)
@@ -243,6 +248,12 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
+def states(folder: Path) -> dict[str, tuple[int, int, int]]:
+    """Name of each file → its number, size and time of change (ns), one of which each writing changes."""
+    found = {path: path.stat() for path in folder.rglob("*") if path.is_file()}
+    return {str(path.relative_to(folder)): (one.st_ino, one.st_size, one.st_mtime_ns) for path, one in found.items()}
+
+
 def read_by(case: Case, place: Path) -> list[Path]:
     """The inputs of a call, files and folders."""
     return [path for word in words_of(case, place, Path("OUT")) if (path := Path(word)).is_relative_to(place)]
@@ -261,13 +272,14 @@ def cases(folder: bool) -> list[object]:
 
 def checked(places: list[Path], case: Case, place: Path, top: Path) -> None:
     """A call with each of these outputs is refused, and every file below ``top`` has its bytes."""
-    before = contents(top)
+    before, was = contents(top), states(top)
     for out in places:
         code = call(case, place, out)
-        after = contents(top)
-        assert {name: after.get(name) for name in before} == before, f"{case.words} with {out} lost something"
+        now = states(top)
+        assert {name: now.get(name) for name in was} == was, f"{case.words} with {out} lost something"
         assert code, f"{case.words} with {out} was not refused"
-        assert not after.keys() - before.keys(), f"{case.words} with {out} left something"
+        assert not now.keys() - was.keys(), f"{case.words} with {out} left something"
+    assert contents(top) == before
 
 
 @pytest.mark.slow

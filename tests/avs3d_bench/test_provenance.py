@@ -115,6 +115,7 @@ def appended(path: Path, text: str) -> Iterator[None]:
         path.write_text(before)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("result", RESULTS)
 def test_an_edit_in_each_folder_changes_the_result_and_one_elsewhere_does_not(packages: Path, result: str) -> None:
     before = found_in(packages, result)
@@ -175,6 +176,7 @@ METHODS = sorted(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("result", sorted({*RESULTS, *METHODS}))
 def test_listed_folders_import_nothing_that_is_not_listed(result: str) -> None:
     modules = {module_of(path) for path in provenance(result).sources if path.endswith(".py")}

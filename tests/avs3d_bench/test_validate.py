@@ -306,6 +306,7 @@ def test_deep_damage_is_named(pristine: Path, tmp_path: Path, name: str):
     check(root, named, words, deep=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["no JSON", "no picture", "truncated clip", "splits swapped", "observation.json missing", "splits overlap"]
 )

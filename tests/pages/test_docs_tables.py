@@ -30,6 +30,7 @@ def test_the_tables_are_current() -> None:
     assert done.exit_code == 0, done.output
 
 
+@pytest.mark.slow
 def test_a_changed_figure_is_found_and_written(copy: Path) -> None:
     assert docs_tables.outdated(copy) == {}
     recorded, page = copy / "docs/results/listen-chance.json", copy / "docs/protocol-listen.md"
@@ -46,6 +47,7 @@ def test_a_changed_figure_is_found_and_written(copy: Path) -> None:
     assert after == before.replace(row.format(was, rest), row.format(".988", rest))
 
 
+@pytest.mark.slow
 def test_a_typed_figure_is_found(copy: Path) -> None:
     page = copy / "docs/results.md"
     text = page.read_text()
@@ -68,6 +70,7 @@ def test_the_leaderboard_has_every_file_of_scores(copy: Path) -> None:
     assert row not in leaderboard_page.pages(copy / "docs")[page]
 
 
+@pytest.mark.slow
 def test_a_page_without_its_place_is_one_line(copy: Path) -> None:
     (copy / "docs/comparing.md").write_text("nothing")
     with pytest.raises(Avs3dError, match=r"comparing\.md: expected the lines <!-- power --> and <!-- end of power -->"):

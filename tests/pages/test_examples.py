@@ -19,6 +19,7 @@ import soundfile
 from avs3d_bench.dataset import Dataset
 from baselines.trivial import write_trivial
 from evaluators.score import evaluate
+from tests.support.one_core import keep_to_one_core
 from tests.support.shared import SharedDataset
 
 ROOT = Path(__file__).parents[2]
@@ -35,7 +36,7 @@ def run(name: str, *arguments: object, folder: Path, code: int = 0) -> str:
     done = subprocess.run(
         [sys.executable, str(EXAMPLES / name), *map(str, arguments)],
         cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,
-        timeout=600,
+        timeout=600, preexec_fn=keep_to_one_core,
     )  # fmt: skip
     assert done.returncode == code, done.stdout + done.stderr
     return done.stdout

@@ -5,11 +5,16 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
+from avs3d_bench.geometry import Intrinsics
+from generators import Home, Renderer, objects
 from generators.core.jit import CACHE_FOLDER, kernel_digest
 
 
 def main() -> None:
-    """Bake a box, and make a small observation with each acoustic engine of numba; nothing if that was done before."""
+    """Bake a box, make a small observation with each acoustic engine of numba, and see, hear and export a home.
+
+    Nothing if that was done before. The home is that of README.md and of the examples, which find it lit.
+    """
     done = CACHE_FOLDER / kernel_digest() / "tests.compiled"  # beside what it says: they are deleted together
     if not done.exists():
         _compile()
@@ -35,6 +40,17 @@ def _compile() -> None:
             options = GenerateOptions(audio=engine, frames=2, size=64, only=("part_2/*",), extras=("rirs",))
             for plan in make_plans(source, options):
                 generate_observation(plan, folder / engine, folder / "cache")
+        _show_home(folder)
+
+
+def _show_home(folder: Path) -> None:
+    """What examples/hello_home.py and its notebook do, with a small picture and a short sound."""
+    scene = Home.apartment(seed=7, light="preview").place(objects.build("microwave", seed=3), room="kitchen", rng=1)
+    pose = scene.look_at(1)
+    with Renderer(scene) as renderer:
+        renderer.frame(pose, Intrinsics.from_fov(32))
+    scene.hear(pose, sounding=1, seconds=1)
+    scene.export(folder / "home.glb")
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ import click
 
 from avs3d_bench.cli import avs3d
 from evaluators.cli import evaluate
+from tests.support.one_core import keep_to_one_core
 
 ROOT = Path(__file__).parents[2]
 RUN = ("python", "bash")
@@ -134,6 +135,7 @@ def run(block: Block, folder: Path) -> str:
     done = subprocess.run(
         command, cwd=folder, env=os.environ | {"PATH": path, "PYTHONPATH": str(ROOT)}, text=True, timeout=TIMEOUT,
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, check=False,
+        preexec_fn=keep_to_one_core,
     )  # fmt: skip
     assert done.returncode == 0, f"{block.name} ended with {done.returncode}:\n{block.code}\n{done.stdout}"
     return done.stdout

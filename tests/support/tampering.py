@@ -38,13 +38,15 @@ FRAME = 3
 # --- a small dataset with sound as a room makes it ----------------------------------------------------------------
 
 
-def write_witness(root: Path, *, frames: int = 10, size: int = 64, extras: bool = False) -> Path:
+def write_witness(
+    root: Path, *, frames: int = 10, size: int = 64, extras: bool = False, keys: tuple[str, ...] = (tiny.MULTI,)
+) -> Path:
     """`tiny.write_dataset` with delays between the ears, reverberation and one source signal for all frames.
 
     The source has little above 6 kHz, like most sounds, so that a jump between two clips stands out.
     """
-    tiny.write_dataset(root, frames=frames, size=size, extras=extras, points=12)
-    for key in (tiny.SINGLE, tiny.MULTI):
+    tiny.write_dataset(root, frames=frames, size=size, extras=extras, points=12, keys=keys)
+    for key in keys:
         tree = Tree(root, key)
         record = tree.record
         rng = np.random.default_rng(5)
