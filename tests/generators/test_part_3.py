@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import shutil
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -23,14 +22,13 @@ from avs3d_bench.errors import UsageError
 from avs3d_bench.formats import media
 from avs3d_bench.validate import validate
 from generators.acoustics.clips import GAIN
-from generators.apartments.apartment import build_apartment
 from generators.cli import generate
-from generators.core.scene import Scene
 from generators.observation.arrangement import Arrangement
 from generators.observation.regenerate import regenerate
 from generators.observation.sources import SoundSource, choose_sources
 from generators.options import GenerateOptions
 from generators.plan import make_plans, read_manifest
+from tests.support.flats import plain_flat
 from tests.support.homes import tree_digest, write_manifest
 from tests.support.tiny import clone, replace
 
@@ -108,7 +106,7 @@ def test_siblings_are_hard_links_to_the_pictures_of_the_first(group: Dataset) ->
 
 def test_a_sibling_made_alone_has_the_same_bytes(group: Dataset, manifest: Path, tmp_path: Path) -> None:
     """Without the first, its pictures are rendered: nothing but time depends on that."""
-    _run(manifest, tmp_path / "alone", "--only", "part_3/box/kitchen/5")
+    _run(manifest, tmp_path / "alone", "--only", "part_3/box/kitchen/5", "--workers", "1")
     key = "part_3/box/kitchen/5"
     assert tree_digest(tmp_path / "alone" / key) == tree_digest(group.root / key)
 
@@ -123,7 +121,7 @@ def test_a_damaged_first_is_not_linked(manifest: Path, group: Dataset, tmp_path:
     shutil.copytree(group.root, root)
     shutil.rmtree(root / "part_3/box/kitchen/2")
     (root / FIRST / layout.image_path(layout.INPUT, 3)).write_bytes(b"no picture")
-    _run(manifest, root)
+    _run(manifest, root, "--workers", "1")
     assert tree_digest(root / "part_3") == tree_digest(group.root / "part_3")
 
 
@@ -242,7 +240,7 @@ def test_gain_is_a_level(manifest: Path, group: Dataset, tmp_path: Path) -> None
     document = yaml.safe_load(manifest.read_text())
     del document["observations"][4]["sources"][2]["gain_db"]
     path.write_text(yaml.safe_dump(document, sort_keys=False))
-    _run(path, tmp_path / "loud", "--only", "part_3/box/kitchen/5")
+    _run(path, tmp_path / "loud", "--only", "part_3/box/kitchen/5", "--workers", "1")
     full = stem(Dataset(tmp_path / "loud")["part_3/box/kitchen/5"], "source_3").astype(np.float64)
     soft = stem(sibling(group, 5), "source_3").astype(np.float64)
     np.testing.assert_allclose(soft, full * 10 ** (-12 / 20), atol=1e-7)
@@ -269,7 +267,7 @@ def test_frames_made_again_are_the_same_and_a_changed_stem_is_found(
 def test_silence_with_responses_and_stems_can_be_regenerated(manifest: Path, tmp_path: Path) -> None:
     """Neither leaves a file in a silent observation, but both count in its plan."""
     key = "part_3/box/kitchen/4"
-    _run(manifest, tmp_path / "tree", "--with", "rirs", "--only", key)
+    _run(manifest, tmp_path / "tree", "--with", "rirs", "--only", key, "--workers", "1")
     assert list(regenerate(tmp_path / "tree", {key: (3,)}, manifest, lambda _: None)) == []
 
 
@@ -420,7 +418,8 @@ def test_fields_of_the_other_parts_are_refused(tmp_path: Path) -> None:
 def test_an_off_screen_room_that_this_home_lacks_is_one_line(tmp_path: Path) -> None:
     entry = FIRST_ENTRY | {"sources": [{"category": "clock", "room": "bathroom"}]}
     path = write_manifest(tmp_path, observations=[entry])
-    outcome = CliRunner().invoke(generate, [str(path), "-o", str(tmp_path / "out"), "--audio", "analytic"])
+    arguments = [str(path), "-o", str(tmp_path / "out"), "--audio", "analytic", "--workers", "1"]
+    outcome = CliRunner().invoke(generate, arguments)
     assert outcome.exit_code == 1
     assert "no room 'bathroom'; it has kitchen" in outcome.output
     assert not media_files(tmp_path / "out")
@@ -436,7 +435,8 @@ def test_siblings_of_one_that_fails_are_made(group: Dataset, tmp_path: Path) -> 
     silent = {"like": FIRST, "index": 4, "sources": []}
     path = write_manifest(tmp_path, observations=[entry, silent])
     root = tmp_path / "out"
-    outcome = CliRunner().invoke(generate, [str(path), "-o", str(root), "--audio", "analytic", "--with", "depth"])
+    arguments = [str(path), "-o", str(root), "--audio", "analytic", "--with", "depth", "--workers", "1"]
+    outcome = CliRunner().invoke(generate, arguments)
     assert outcome.exit_code == 1
     lines = [line for line in outcome.output.splitlines() if line.startswith("avs3d: error: ")]
     assert len(lines) == 1
@@ -445,11 +445,6 @@ def test_siblings_of_one_that_fails_are_made(group: Dataset, tmp_path: Path) -> 
     made, expected = (tree_digest(each / "part_3/box/kitchen/4") for each in (root, group.root))
     del made[layout.OBSERVATION_JSON], expected[layout.OBSERVATION_JSON]  # its plan is of another manifest
     assert made == expected
-
-
-@cache
-def flat() -> Scene:
-    return build_apartment("flat", 11, plain=True)
 
 
 def away(folder: Path, *categories: str, **changes: object) -> tuple[SoundSource, ...]:
@@ -461,7 +456,7 @@ def away(folder: Path, *categories: str, **changes: object) -> tuple[SoundSource
     scans = {"flat": {"source": "apartment", "seed": 11}}
     path = write_manifest(folder, scans=scans, observations=[entry], **changes)
     (plan,) = make_plans(read_manifest(path), GenerateOptions(audio="analytic"))
-    return choose_sources(plan, flat(), Arrangement((), (), ()))
+    return choose_sources(plan, plain_flat(11), Arrangement((), (), ()))
 
 
 def test_off_screen_sources_of_one_room_stand_apart(tmp_path: Path) -> None:
