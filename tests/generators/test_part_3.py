@@ -61,9 +61,10 @@ SHARED = (layout.INPUT, layout.IMAGES, layout.INSTANCE_MASKS, layout.DEPTH, "spa
 
 
 def _run(manifest: Path, root: Path, *options: str) -> None:
+    one = ("--workers", "1")  # unless an option says otherwise
     outcome = CliRunner().invoke(
         generate,
-        [str(manifest), "-o", str(root), "--audio", "analytic", "--with", "stems", "--with", "depth", *options],
+        [str(manifest), "-o", str(root), "--audio", "analytic", "--with", "stems", "--with", "depth", *one, *options],
     )
     assert outcome.exit_code == 0, outcome.output
 
@@ -76,7 +77,7 @@ def manifest(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def group(manifest: Path, tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     root = tmp_path_factory.mktemp("group") / "tree"
-    _run(manifest, root, "--workers", "1")
+    _run(manifest, root)
     return Dataset(root)
 
 
@@ -106,7 +107,7 @@ def test_siblings_are_hard_links_to_the_pictures_of_the_first(group: Dataset) ->
 
 def test_a_sibling_made_alone_has_the_same_bytes(group: Dataset, manifest: Path, tmp_path: Path) -> None:
     """Without the first, its pictures are rendered: nothing but time depends on that."""
-    _run(manifest, tmp_path / "alone", "--only", "part_3/box/kitchen/5", "--workers", "1")
+    _run(manifest, tmp_path / "alone", "--only", "part_3/box/kitchen/5")
     key = "part_3/box/kitchen/5"
     assert tree_digest(tmp_path / "alone" / key) == tree_digest(group.root / key)
 
@@ -121,7 +122,7 @@ def test_a_damaged_first_is_not_linked(manifest: Path, group: Dataset, tmp_path:
     shutil.copytree(group.root, root)
     shutil.rmtree(root / "part_3/box/kitchen/2")
     (root / FIRST / layout.image_path(layout.INPUT, 3)).write_bytes(b"no picture")
-    _run(manifest, root, "--workers", "1")
+    _run(manifest, root)
     assert tree_digest(root / "part_3") == tree_digest(group.root / "part_3")
 
 
@@ -240,7 +241,7 @@ def test_gain_is_a_level(manifest: Path, group: Dataset, tmp_path: Path) -> None
     document = yaml.safe_load(manifest.read_text())
     del document["observations"][4]["sources"][2]["gain_db"]
     path.write_text(yaml.safe_dump(document, sort_keys=False))
-    _run(path, tmp_path / "loud", "--only", "part_3/box/kitchen/5", "--workers", "1")
+    _run(path, tmp_path / "loud", "--only", "part_3/box/kitchen/5")
     full = stem(Dataset(tmp_path / "loud")["part_3/box/kitchen/5"], "source_3").astype(np.float64)
     soft = stem(sibling(group, 5), "source_3").astype(np.float64)
     np.testing.assert_allclose(soft, full * 10 ** (-12 / 20), atol=1e-7)
@@ -267,7 +268,7 @@ def test_frames_made_again_are_the_same_and_a_changed_stem_is_found(
 def test_silence_with_responses_and_stems_can_be_regenerated(manifest: Path, tmp_path: Path) -> None:
     """Neither leaves a file in a silent observation, but both count in its plan."""
     key = "part_3/box/kitchen/4"
-    _run(manifest, tmp_path / "tree", "--with", "rirs", "--only", key, "--workers", "1")
+    _run(manifest, tmp_path / "tree", "--with", "rirs", "--only", key)
     assert list(regenerate(tmp_path / "tree", {key: (3,)}, manifest, lambda _: None)) == []
 
 
