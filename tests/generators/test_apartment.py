@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-from functools import cache
 
 import numpy as np
 import pytest
@@ -17,6 +16,7 @@ from generators.apartments.planning import make_floor_plan
 from generators.assets.furniture import KINDS
 from generators.core.rays import RayCaster
 from generators.core.scene import Scene
+from tests.support.flats import plain_flat as flat
 from tests.support.flats import textured_flat, without_small_things
 
 SEEDS = (0, 1, 2, 3)
@@ -24,12 +24,6 @@ CELL = 0.05
 RADIUS = 0.2
 #: Pairs whose boxes may meet because one is drawn up to, or hangs before, the other.
 NESTED = {frozenset(pair) for pair in (("chair", "dining_table"), ("chair", "desk"))}
-
-
-@cache
-def flat(seed: int) -> Scene:
-    """The geometry of a flat."""
-    return build_apartment("flat", seed, plain=True)
 
 
 def kind(part_name: str) -> str:

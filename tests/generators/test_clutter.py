@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from functools import cache
 
 import numpy as np
 import pytest
@@ -19,8 +18,9 @@ from generators.assets.furniture import KINDS
 from generators.assets.materials import ROOM_KINDS, Palette
 from generators.core.freespace import FreeSpace
 from generators.core.rays import RayCaster
-from generators.core.scene import Part, Scene
+from generators.core.scene import Part
 from tests.support.flats import SMALL_THINGS, kind_of, small_things, without_small_things
+from tests.support.flats import plain_flat as flat
 
 SLOW = [pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3, 4, 5)]
 SEEDS = (0, 1, *SLOW)
@@ -30,11 +30,6 @@ LEAST = {"kitchen": 60, "bathroom": 45, "hall": 30}
 ROOM_TRIANGLES, THING_TRIANGLES = 25_000, 1_000
 UPRIGHT = {"wall", "door_side", "worktop_wall", "basin_wall", "tub_wall", "fridge", "ceiling"}
 Box = NDArray[np.float64]
-
-
-@cache
-def flat(seed: int) -> Scene:
-    return build_apartment("flat", seed, plain=True)
 
 
 def ends(a: Box, b: Box) -> tuple[Box, Box]:

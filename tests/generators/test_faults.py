@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -35,7 +36,16 @@ def test_the_tree_is_that_of_an_undisturbed_run(bench: Bench, kind: str) -> None
     assert trial.healed or trial.reruns, "a run that was disturbed either heals by itself or is given again"
 
 
-def test_a_tree_that_differs_is_not_recovered(bench: Bench) -> None:
+def undisturbed(bench: Bench, root: Path, log: Path, *_: object) -> int:
+    """In place of a run that nothing disturbs: its tree, its exit code."""
+    shutil.copytree(bench.folder / "second" / "data", root)
+    log.touch()
+    return 0
+
+
+def test_a_tree_that_differs_is_not_recovered(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(faults._DISTURB, "client", undisturbed)
+    assert try_once(bench, "client", 0).recovered
     name = next(name for name in bench.truth if name.endswith("observation.json"))
     trial = try_once(replace(bench, truth=bench.truth | {name: "0" * 64}), "client", 0)
     assert not trial.recovered
@@ -44,7 +54,7 @@ def test_a_tree_that_differs_is_not_recovered(bench: Bench) -> None:
 
 def test_what_is_left_behind_is_not_recovered(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     def litter(bench: Bench, root: Path, log: Path, *_: object) -> int:
-        code = faults.end(faults.start(faults.command(bench, root), log))
+        code = undisturbed(bench, root, log)
         (root / ".left").touch()
         return code
 

@@ -10,6 +10,7 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 
 from avs3d_bench.errors import UsageError
+from generators.apartments.plain import PlainPalette
 from generators.assets import styles
 from generators.assets.furniture import KINDS, Furniture, build_furniture, options_of
 from generators.assets.furniture.common import Kit
@@ -69,7 +70,8 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def palettes() -> list[Palette]:
-    return [Palette.from_seed(np.random.default_rng(k), style) for k, style in enumerate(STYLES)]
+    """Without textures, which no shape depends on (test_apartment)."""
+    return [PlainPalette.from_seed(np.random.default_rng(k), style) for k, style in enumerate(STYLES)]
 
 
 @pytest.fixture(scope="module")

@@ -25,11 +25,14 @@ from avs3d_bench.geometry import direction_to
 from avs3d_bench.scheduling.failures import read_failures
 from avs3d_bench.validate import validate
 from generators.cli import generate
+from tests.support.here import generated_here
 from tests.support.homes import tree_digest, write_manifest
 
 pycolmap = pytest.importorskip("pycolmap", reason="pycolmap reads the sparse model back; it is in the dev extra")
 
 KEYS = ["part_1/box/kitchen/1", "part_2/box/kitchen/1"]
+#: Exit code and output of `avs3d generate` with these arguments.
+Call = Callable[..., tuple[int, str]]
 COMMAND = [sys.executable, "-m", "avs3d_bench", "generate"]
 
 
@@ -40,12 +43,12 @@ def call(*args: object) -> tuple[int, str]:
 
 
 @pytest.fixture
-def here(capfd: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str]]:
+def here(capfd: pytest.CaptureFixture[str]) -> Call:
     """The same in the process of the test, without the seconds that a start takes."""
 
     def call_here(*args: object) -> tuple[int, str]:
         capfd.readouterr()
-        with pytest.raises(SystemExit) as end:
+        with generated_here(), pytest.raises(SystemExit) as end:
             main(["generate", *map(str, args)])
         return int(end.value.code or 0), "".join(capfd.readouterr())
 
@@ -171,14 +174,16 @@ def test_directions_agree_with_the_poses_and_the_ears(root: Path) -> None:
 
 
 @pytest.mark.slow
-def test_two_workers_write_the_same_bytes_and_a_rerun_keeps_them(root: Path, manifest: Path, tmp_path: Path) -> None:
+def test_two_workers_write_the_same_bytes_and_a_rerun_keeps_them(
+    root: Path, manifest: Path, tmp_path: Path, here: Call
+) -> None:
     again = tmp_path / "again"
     args = [manifest, "-o", again, "--audio", "analytic", "--with", "depth", "--with", "rirs"]
     code, output = call(*args, "--workers", 2)
     assert code == 0, output
     assert "2 made, 0 kept, 0 failed" in output
     assert tree_digest(again) == tree_digest(root)
-    code, output = call(*args, "--workers", 1)
+    code, output = here(*args, "--workers", 1)
     assert code == 0, output
     assert "0 made, 2 kept" in output
     assert tree_digest(again) == tree_digest(root)
@@ -187,11 +192,11 @@ def test_two_workers_write_the_same_bytes_and_a_rerun_keeps_them(root: Path, man
 @pytest.mark.slow
 @pytest.mark.parametrize("moment", [0, 6])
 def test_a_run_killed_with_signal_9_goes_on_to_the_same_bytes(
-    root: Path, manifest: Path, tmp_path: Path, moment: int
+    root: Path, manifest: Path, tmp_path: Path, here: Call, moment: int
 ) -> None:
     cut = tmp_path / "cut"
-    args = [manifest, "-o", cut, "--audio", "analytic", "--with", "depth", "--with", "rirs", "--workers", 2]
-    process = subprocess.Popen([*COMMAND, *map(str, args)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    args = [manifest, "-o", cut, "--audio", "analytic", "--with", "depth", "--with", "rirs", "--workers"]
+    process = subprocess.Popen([*COMMAND, *map(str, args), "2"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     deadline = time.monotonic() + 120
     while not list(cut.glob(f"part_*/*/*/.*.partial/input/frame_{moment:03d}.png")):
         assert process.poll() is None, process.communicate()[0]
@@ -200,7 +205,7 @@ def test_a_run_killed_with_signal_9_goes_on_to_the_same_bytes(
     process.send_signal(signal.SIGKILL)
     process.communicate()
     assert not (cut / "dataset.json").exists()
-    code, output = call(*args)
+    code, output = here(*args, 1)
     assert code == 0, output
     assert tree_digest(cut) == tree_digest(root)
 
@@ -208,13 +213,13 @@ def test_a_run_killed_with_signal_9_goes_on_to_the_same_bytes(
 @pytest.mark.slow
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_ctrl_c_and_sigterm_stop_all_workers_and_the_next_run_goes_on(
-    root: Path, manifest: Path, tmp_path: Path, number: signal.Signals, code: int
+    root: Path, manifest: Path, tmp_path: Path, here: Call, number: signal.Signals, code: int
 ) -> None:
     cut = tmp_path / "cut"
-    args = [manifest, "-o", cut, "--audio", "analytic", "--with", "depth", "--with", "rirs", "--workers", 2]
+    args = [manifest, "-o", cut, "--audio", "analytic", "--with", "depth", "--with", "rirs", "--workers"]
     for _ in range(5):
         process = subprocess.Popen(
-            [*COMMAND, *map(str, args)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True
+            [*COMMAND, *map(str, args), "2"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True
         )
         while not list(cut.glob("part_*/*/*/.*.partial/input/frame_000.png")):
             assert process.poll() is None, process.communicate()[0]
@@ -231,14 +236,14 @@ def test_ctrl_c_and_sigterm_stop_all_workers_and_the_next_run_goes_on(
     assert process.returncode == code
     assert b"Traceback" not in output
     assert not list(cut.rglob(".*.partial"))
-    code, text = call(*args)
+    code, text = here(*args, 1)
     assert code == 0, text
     assert tree_digest(cut) == tree_digest(root)
 
 
 @pytest.mark.slow
 def test_a_second_run_in_the_same_folder_is_refused_and_the_first_goes_on(
-    root: Path, manifest: Path, tmp_path: Path
+    root: Path, manifest: Path, tmp_path: Path, here: Call
 ) -> None:
     out = tmp_path / "out"
     args = [manifest, "-o", out, "--audio", "analytic", "--with", "depth", "--with", "rirs", "--workers", 1]
@@ -249,7 +254,7 @@ def test_a_second_run_in_the_same_folder_is_refused_and_the_first_goes_on(
     os.kill(first.pid, signal.SIGSTOP)
     try:
         for _ in range(2):
-            refused(*call(*args), 1, "another avs3d generate is at work")
+            refused(*here(*args), 1, "another avs3d generate is at work")
     finally:
         os.kill(first.pid, signal.SIGCONT)
     assert first.wait(timeout=120) == 0
@@ -257,7 +262,7 @@ def test_a_second_run_in_the_same_folder_is_refused_and_the_first_goes_on(
 
 
 @pytest.mark.slow
-def test_one_bad_home_does_not_stop_the_others(manifest: Path, tmp_path: Path, here) -> None:
+def test_one_bad_home_does_not_stop_the_others(manifest: Path, tmp_path: Path, here: Call) -> None:
     def change(document: dict) -> None:
         document["scans"]["gone"] = document["scans"]["box"] | {"file": "nowhere.glb"}
         document["observations"][1]["scan"] = "gone"
@@ -271,7 +276,7 @@ def test_one_bad_home_does_not_stop_the_others(manifest: Path, tmp_path: Path, h
 
 
 @pytest.mark.slow
-def test_observations_of_other_options_are_never_mixed(manifest: Path, tmp_path: Path, here) -> None:
+def test_observations_of_other_options_are_never_mixed(manifest: Path, tmp_path: Path, here: Call) -> None:
     out = tmp_path / "out"
     small = ["--audio", "analytic", "--frames", 3, "--workers", 1]
     assert here(manifest, "-o", out, "--only", "part_1/*", *small, "--size", 32)[0] == 0
@@ -287,7 +292,7 @@ def test_observations_of_other_options_are_never_mixed(manifest: Path, tmp_path:
 
 
 @pytest.mark.slow
-def test_another_manifest_or_other_options_do_not_overwrite(root: Path, manifest: Path, here) -> None:
+def test_another_manifest_or_other_options_do_not_overwrite(root: Path, manifest: Path, here: Call) -> None:
     before = tree_digest(root)
     code, output = here(manifest, "-o", root, "--audio", "analytic", "--workers", 1)
     assert code == 2
@@ -316,7 +321,7 @@ def changed(manifest: Path, folder: Path, change) -> Path:
 
 
 @pytest.mark.slow
-def test_bad_input_is_one_line_and_leaves_nothing_half_written(manifest: Path, tmp_path: Path, here) -> None:
+def test_bad_input_is_one_line_and_leaves_nothing_half_written(manifest: Path, tmp_path: Path, here: Call) -> None:
     out = tmp_path / "out"
     truncated = tmp_path / "short.wav"
     soundfile.write(truncated, np.random.default_rng(0).normal(0, 0.1, 44_100), 44_100)
@@ -361,7 +366,7 @@ def test_bad_input_is_one_line_and_leaves_nothing_half_written(manifest: Path, t
 
 
 @pytest.mark.slow
-def test_a_folder_that_cannot_be_is_one_line(manifest: Path, tmp_path: Path, here) -> None:
+def test_a_folder_that_cannot_be_is_one_line(manifest: Path, tmp_path: Path, here: Call) -> None:
     in_the_way = tmp_path / "file"
     in_the_way.write_text("")
     code, output = here(manifest, "-o", in_the_way / "data", "--audio", "analytic", "--workers", 1)
@@ -369,7 +374,7 @@ def test_a_folder_that_cannot_be_is_one_line(manifest: Path, tmp_path: Path, her
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write into read-only folders, so nothing can be refused")
-def test_a_read_only_folder_is_one_line(manifest: Path, tmp_path: Path, here) -> None:
+def test_a_read_only_folder_is_one_line(manifest: Path, tmp_path: Path, here: Call) -> None:
     folder = tmp_path / "locked"
     folder.mkdir(mode=0o500)
     code, output = here(manifest, "-o", folder / "data", "--audio", "analytic", "--workers", 1)
@@ -377,7 +382,7 @@ def test_a_read_only_folder_is_one_line(manifest: Path, tmp_path: Path, here) ->
 
 
 @pytest.mark.slow
-def test_files_take_the_place_of_objects_and_sounds(manifest: Path, tmp_path: Path) -> None:
+def test_files_take_the_place_of_objects_and_sounds(manifest: Path, tmp_path: Path, here: Call) -> None:
     box = trimesh.creation.box(extents=(0.5, 0.3, 0.36))
     box.visual.face_colors = np.tile((200, 30, 30, 255), (12, 1))
     box.export(tmp_path / "red.glb")
@@ -390,7 +395,7 @@ def test_files_take_the_place_of_objects_and_sounds(manifest: Path, tmp_path: Pa
         document["sounds"] = {"microwave": [{"file": str(tmp_path / "tone.flac"), "licence": licence}]}
 
     path, out = changed(manifest, tmp_path / "m", change), tmp_path / "out"
-    code, output = call(path, "-o", out, "--audio", "analytic", "--only", "part_1/*", "--workers", 1)
+    code, output = here(path, "-o", out, "--audio", "analytic", "--only", "part_1/*", "--workers", 1)
     assert code == 0, output
     dataset = Dataset(out)
     (observation,) = dataset
@@ -421,7 +426,7 @@ files.write_bytes = media.write_bytes = full
 
 @pytest.mark.slow
 def test_a_full_disk_is_one_line_and_the_next_run_goes_on(
-    root: Path, manifest: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    root: Path, manifest: Path, tmp_path: Path, here: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "full"
     args = [manifest, "-o", out, "--workers", "1", "--audio", "analytic", "--with", "depth", "--with", "rirs"]
@@ -434,12 +439,12 @@ def test_a_full_disk_is_one_line_and_the_next_run_goes_on(
     assert not list(out.rglob("*.png"))
     assert [line["key"] for line in read_failures(out / "failures.jsonl")] == KEYS
     monkeypatch.delenv("PYTHONPATH")
-    assert call(*args)[0] == 0
+    assert here(*args)[0] == 0
     assert tree_digest(out) == tree_digest(root)
 
 
 @pytest.mark.slow
-def test_frames_and_size_make_small_ones(manifest: Path, tmp_path: Path, here) -> None:
+def test_frames_and_size_make_small_ones(manifest: Path, tmp_path: Path, here: Call) -> None:
     out = tmp_path / "small"
     code, output = here(
         manifest, "-o", out, "--audio", "analytic", "--only", "part_1/*", "--frames", 5, "--size", 48, "--workers", 1

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import shutil
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -23,14 +22,13 @@ from avs3d_bench.errors import UsageError
 from avs3d_bench.formats import media
 from avs3d_bench.validate import validate
 from generators.acoustics.clips import GAIN
-from generators.apartments.apartment import build_apartment
 from generators.cli import generate
-from generators.core.scene import Scene
 from generators.observation.arrangement import Arrangement
 from generators.observation.regenerate import regenerate
 from generators.observation.sources import SoundSource, choose_sources
 from generators.options import GenerateOptions
 from generators.plan import make_plans, read_manifest
+from tests.support.flats import plain_flat
 from tests.support.homes import tree_digest, write_manifest
 from tests.support.tiny import clone, replace
 
@@ -63,9 +61,10 @@ SHARED = (layout.INPUT, layout.IMAGES, layout.INSTANCE_MASKS, layout.DEPTH, "spa
 
 
 def _run(manifest: Path, root: Path, *options: str) -> None:
+    one = ("--workers", "1")  # unless an option says otherwise
     outcome = CliRunner().invoke(
         generate,
-        [str(manifest), "-o", str(root), "--audio", "analytic", "--with", "stems", "--with", "depth", *options],
+        [str(manifest), "-o", str(root), "--audio", "analytic", "--with", "stems", "--with", "depth", *one, *options],
     )
     assert outcome.exit_code == 0, outcome.output
 
@@ -78,7 +77,7 @@ def manifest(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def group(manifest: Path, tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     root = tmp_path_factory.mktemp("group") / "tree"
-    _run(manifest, root, "--workers", "1")
+    _run(manifest, root)
     return Dataset(root)
 
 
@@ -420,7 +419,8 @@ def test_fields_of_the_other_parts_are_refused(tmp_path: Path) -> None:
 def test_an_off_screen_room_that_this_home_lacks_is_one_line(tmp_path: Path) -> None:
     entry = FIRST_ENTRY | {"sources": [{"category": "clock", "room": "bathroom"}]}
     path = write_manifest(tmp_path, observations=[entry])
-    outcome = CliRunner().invoke(generate, [str(path), "-o", str(tmp_path / "out"), "--audio", "analytic"])
+    arguments = [str(path), "-o", str(tmp_path / "out"), "--audio", "analytic", "--workers", "1"]
+    outcome = CliRunner().invoke(generate, arguments)
     assert outcome.exit_code == 1
     assert "no room 'bathroom'; it has kitchen" in outcome.output
     assert not media_files(tmp_path / "out")
@@ -436,7 +436,8 @@ def test_siblings_of_one_that_fails_are_made(group: Dataset, tmp_path: Path) -> 
     silent = {"like": FIRST, "index": 4, "sources": []}
     path = write_manifest(tmp_path, observations=[entry, silent])
     root = tmp_path / "out"
-    outcome = CliRunner().invoke(generate, [str(path), "-o", str(root), "--audio", "analytic", "--with", "depth"])
+    arguments = [str(path), "-o", str(root), "--audio", "analytic", "--with", "depth", "--workers", "1"]
+    outcome = CliRunner().invoke(generate, arguments)
     assert outcome.exit_code == 1
     lines = [line for line in outcome.output.splitlines() if line.startswith("avs3d: error: ")]
     assert len(lines) == 1
@@ -445,11 +446,6 @@ def test_siblings_of_one_that_fails_are_made(group: Dataset, tmp_path: Path) -> 
     made, expected = (tree_digest(each / "part_3/box/kitchen/4") for each in (root, group.root))
     del made[layout.OBSERVATION_JSON], expected[layout.OBSERVATION_JSON]  # its plan is of another manifest
     assert made == expected
-
-
-@cache
-def flat() -> Scene:
-    return build_apartment("flat", 11, plain=True)
 
 
 def away(folder: Path, *categories: str, **changes: object) -> tuple[SoundSource, ...]:
@@ -461,7 +457,7 @@ def away(folder: Path, *categories: str, **changes: object) -> tuple[SoundSource
     scans = {"flat": {"source": "apartment", "seed": 11}}
     path = write_manifest(folder, scans=scans, observations=[entry], **changes)
     (plan,) = make_plans(read_manifest(path), GenerateOptions(audio="analytic"))
-    return choose_sources(plan, flat(), Arrangement((), (), ()))
+    return choose_sources(plan, plain_flat(11), Arrangement((), (), ()))
 
 
 def test_off_screen_sources_of_one_room_stand_apart(tmp_path: Path) -> None:

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from generators.apartments.apartment import build_apartment
 from generators.core.boxes import yaw_matrix
 from generators.core.scene import Room
 from generators.surveying.survey import KnownFrame, RoomChoice, Survey, survey
 from tests.support import scan_like
+from tests.support.flats import plain_flat
 
 Array = NDArray[np.float64]
 #: Seeds of flats of five and of four rooms.
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module", params=SEEDS)
 def fused(request: pytest.FixtureRequest) -> tuple[Array, tuple[Room, ...]]:
     """(F, 3, 3) triangles of a flat, and its rooms."""
-    home = build_apartment("flat", request.param, plain=True)
+    home = plain_flat(request.param)
     mesh = scan_like.fuse(home, np.random.default_rng(0), noise=0.004, edge=0.3, texel=0.1)
     return mesh.vertices[mesh.faces], home.rooms
 

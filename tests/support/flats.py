@@ -30,6 +30,12 @@ def textured_flat(seed: int) -> Scene:
     return made_once(f"flat_{seed}", lambda: build_apartment("flat", seed))
 
 
+@lru_cache(maxsize=8)
+def plain_flat(seed: int) -> Scene:
+    """The geometry of a flat, in white."""
+    return made_once(f"plain_{seed}", lambda: build_apartment("flat", seed, plain=True))
+
+
 @lru_cache(maxsize=1)
 def small_flat() -> Scene:
     """Two lit rooms with their furniture, exposed for the kitchen."""
