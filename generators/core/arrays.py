@@ -33,8 +33,10 @@ def _sorted_rows(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np
 
     Rows whose numbers fit together into 63 bits come back as one number each, (N, 1): a third of the memory.
     """
-    low = keys.min(axis=0, initial=0).tolist()
-    span = [high - least + 1 for high, least in zip(keys.max(axis=0, initial=0).tolist(), low, strict=True)]
+    if not len(keys):
+        return np.zeros(0, dtype=np.int64), keys
+    low = keys.min(axis=0).tolist()
+    span = [high - least + 1 for high, least in zip(keys.max(axis=0).tolist(), low, strict=True)]
     if math.prod(span) >= 1 << 63:
         order = np.lexsort(keys.T[::-1])
         return order, keys[order]

@@ -16,10 +16,11 @@ from generators.core.arrays import cross, distinct_rows, dot_rows
 
 @given(
     rows=st.lists(st.tuples(*[st.integers(-3, 3)] * 3), max_size=40),
+    step=st.sampled_from((1, 2**30)),
     shift=st.sampled_from((0, 2**40, -(2**62))),
 )
-def test_distinct_rows_are_those_of_numpy(rows: list[tuple[int, int, int]], shift: int) -> None:
-    keys = np.array(rows, dtype=np.int64).reshape(-1, 3) + shift
+def test_distinct_rows_are_those_of_numpy(rows: list[tuple[int, int, int]], step: int, shift: int) -> None:
+    keys = np.array(rows, dtype=np.int64).reshape(-1, 3) * step + shift
     _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     found = distinct_rows(keys)
     np.testing.assert_array_equal(found[0], first)

@@ -7,6 +7,7 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
+from avs3d_bench.errors import Avs3dError
 from generators.assets.acoustic_twin import weld
 from generators.core.rays import RayCaster
 from generators.core.scene import Material, Mesh, Room, Support, Texture
@@ -130,3 +131,13 @@ def test_a_scan_below_the_limit_stays_as_it_is(furnished: NDArray[np.float32]) -
     loaded = decimation.for_rays(mesh)
     assert loaded.mesh is mesh
     assert loaded.dense is None
+
+
+def test_a_process_that_cannot_decimate_gives_one_clear_line(
+    furnished: NDArray[np.float32], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(decimation, "_PROGRAM", "raise MemoryError('no room left')")
+    with pytest.raises(
+        Avs3dError, match=r"faces cannot be decimated \(MemoryError: no room left\); give it more memory"
+    ):
+        decimation.for_rays(mesh_of(furnished))
