@@ -360,13 +360,14 @@ def frame_facts(frame: Frame) -> dict[str, Any]:
     if record is None or mine is None:
         empty = ("source_position", "source_moves", "sounding_instance", "sounding_position", "sounding_rotation")
         return facts | dict.fromkeys((*empty, "instances", "t30", "variant_of"))
-    there, sounding = mine.instance_pose, record.first_instance
+    sounding = record.first_instance
+    there = record.pose_at(mine, sounding.id) if sounding else None
     facts |= {
         "source_position": list(record.source_at(mine)) if record.source_position else None,
         "source_moves": record.moves,
         "sounding_instance": sounding.id if sounding else None,
-        "sounding_position": list((there or sounding).position) if sounding else None,
-        "sounding_rotation": list((there or sounding).rotation) if sounding else None,
+        "sounding_position": list(there.position) if there else None,
+        "sounding_rotation": list(there.rotation) if there else None,
         "instances": [instance_facts(instance) for instance in record.instances],
         "t30": record.acoustics.t30,
         "variant_of": record.variant_of,
