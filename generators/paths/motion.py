@@ -47,6 +47,8 @@ OVER = 0.02
 LEAST_AREA = 0.10
 #: Number of paths that are drawn before the room counts as too small.
 _ATTEMPTS = 8
+#: Least share of its tour that an object covers while it lets others pass.
+LEAST_PROGRESS = 0.3
 #: Added to the distance between two moving objects (m), because both move between two checks.
 _SLACK = 0.05
 #: Spacing of the samples along a worktop, and their largest difference in height (m).
@@ -205,7 +207,10 @@ def _over_floor(
     views = _views(site, space, float(high[1]) / 2)
     for _ in range(_ATTEMPTS):
         plan, yaws = _tour(space, views, source, seconds, rng)
-        if earlier and (progress := _waiting(plan, earlier, radius + _SLACK)) is not None:
+        if earlier:
+            progress = _waiting(plan, earlier, radius + _SLACK)
+            if progress is None:
+                continue
             samples = np.arange(len(plan))
             plan = np.stack([np.interp(progress, samples, plan[:, k]) for k in range(2)], axis=1)
             yaws = np.interp(progress, samples, yaws)
@@ -227,7 +232,8 @@ def _waiting(plan: Array, earlier: Sequence[Motion], radius: float) -> Array | N
         radius: of the disc about the object that must stay free of them, metres.
 
     Returns:
-        (RATE·seconds + 1,) the place on the tour at each sample, as an index; None if it cannot but meet one of them.
+        (RATE·seconds + 1,) the place on the tour at each sample, as an index; None if it cannot but meet one of them, or
+        only waits.
     """
     seconds = (len(plan) - 1) // RATE
     free = np.array(
@@ -238,7 +244,7 @@ def _waiting(plan: Array, earlier: Sequence[Motion], radius: float) -> Array | N
     )
     # Never faster than where nothing is in the way, so that the limits of speed and turn hold.
     steps = pace(free, np.ones(seconds), 1 / RATE, most=1.0, back=0.0)
-    if steps is None:
+    if steps is None or steps[-1] - steps[0] < LEAST_PROGRESS * len(plan):
         return None
     return np.asarray(np.interp(np.arange(len(plan)) / RATE, np.arange(seconds + 1), steps))
 

@@ -275,12 +275,17 @@ class _Drawer:
 
     def _fill(self, where: dict[str, Any], size: int, number: int, rng: Generator) -> SampledGroup:
         part, room = where["part"], where["room"]
-        moving = self._composition.moving.get(room, ()) if part == "part_1" else ()
+        moving = self._composition.moving.get(room, ()) if part != "part_2" else ()
         known = list(moving or MOST[room])
         focus = _rarest(known, [self._focus[name] for name in known], rng)
         self._focus[focus] += size
-        single = part == "part_1" or (part == "part_3" and rng.uniform() < self._composition.single_share)
-        numbers = [1] if single else list(range(2, MOST[room][focus] + 1))
+        # Several move where a category that moves has twins.
+        single = part == "part_1" or (
+            part == "part_3" and not moving and rng.uniform() < self._composition.single_share
+        )
+        # A third one that moves seldom finds room.
+        most = 2 if moving else MOST[room][focus]
+        numbers = [1] if single else list(range(2, most + 1))
         count = _rarest(numbers, [self._focus[focus, n] for n in numbers], rng)
         self._focus[focus, count] += 1
         beside = self._beside(room, focus, single, rng)
@@ -293,7 +298,11 @@ class _Drawer:
             self._focus["agent", one] += 1
             where = where | {"agent": one}
         if part == "part_3":
-            return self._group(where, {focus: count} | dict.fromkeys(beside, 1), size, number, rng)
+            instances = {focus: count} | dict.fromkeys(beside, 1)
+            if moving:
+                also = self._composition.moving_beside.get(room, ())
+                where = where | {"moving": [name for name in instances if name in (*moving, *also)]}
+            return self._group(where, instances, size, number, rng)
         entry = where | {"category": focus} | ({"source_motion": "path"} if moving else {})
         if part == "part_2":
             entry["instances"] = count
