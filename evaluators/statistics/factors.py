@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from avs3d_bench.contract import layout
 from avs3d_bench.contract.schema import AudibleRecord, FrameRecord, ObservationRecord

@@ -232,8 +232,8 @@ def _waiting(plan: Array, earlier: Sequence[Motion], radius: float) -> Array | N
         radius: of the disc about the object that must stay free of them, metres.
 
     Returns:
-        (RATE·seconds + 1,) the place on the tour at each sample, as an index; None if it cannot but meet one of them, or
-        only waits.
+        (RATE·seconds + 1,) the place on the tour at each sample, as an index; None if it would meet one of them or
+        only wait.
     """
     seconds = (len(plan) - 1) // RATE
     free = np.array(
