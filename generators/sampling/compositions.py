@@ -18,7 +18,7 @@ from numpy.random import Generator
 from generators.manifest.schema import Twins
 from generators.sampling.rooms import MOST
 from generators.sampling.siblings import GROUP, Sibling, Source, siblings
-from generators.sampling.soundscapes import AGENTS, MOVING, MOVING_BESIDE, SCENE_SHARES, soundscape
+from generators.sampling.soundscapes import AGENTS, MOVING, MOVING_BESIDE, OVER_FLOOR, SCENE_SHARES, soundscape
 
 #: Shares of the parts in the observations. A group of part_3 has six observations with the same pictures, so that the
 #: three parts have about as many pictures each.
@@ -126,6 +126,7 @@ class Composition:
         moving: room → the categories that sound there, and move: one object in part_1, in part_3 several at once;
             nothing moves if there are none.
         moving_beside: room → the distractors that move with those of part_3.
+        over_floor: rooms in which those of part_3 move over the floor; they do where the agent walks.
     """
 
     siblings: Callable[[str, dict[str, int], int, int, Generator, str | None], list[Sibling]]
@@ -141,6 +142,7 @@ class Composition:
     agents: tuple[str, ...] = ()
     moving: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     moving_beside: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    over_floor: tuple[str, ...] = ()
 
 
 COMPOSITIONS = {
@@ -164,5 +166,6 @@ COMPOSITIONS = {
         agents=AGENTS,
         moving=MOVING,
         moving_beside=MOVING_BESIDE,
+        over_floor=OVER_FLOOR,
     ),
 }

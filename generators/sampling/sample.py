@@ -275,7 +275,15 @@ class _Drawer:
 
     def _fill(self, where: dict[str, Any], size: int, number: int, rng: Generator) -> SampledGroup:
         part, room = where["part"], where["room"]
-        moving = self._composition.moving.get(room, ()) if part != "part_2" else ()
+        agents = self._composition.agents
+        if agents:
+            home = where["scan"]
+            used = [(self._focus["agent", home, name], self._focus["agent", name]) for name in agents]
+            one = _rarest(agents, used, rng)
+            self._focus["agent", home, one] += 1
+            self._focus["agent", one] += 1
+            where = where | {"agent": one}
+        moving = self._moving(part, room, where.get("agent", ""))
         known = list(moving or MOST[room])
         focus = _rarest(known, [self._focus[name] for name in known], rng)
         self._focus[focus] += size
@@ -289,14 +297,6 @@ class _Drawer:
         count = _rarest(numbers, [self._focus[focus, n] for n in numbers], rng)
         self._focus[focus, count] += 1
         beside = self._beside(room, focus, single, rng)
-        agents = self._composition.agents
-        if agents:
-            home = where["scan"]
-            used = [(self._focus["agent", home, name], self._focus["agent", name]) for name in agents]
-            one = _rarest(agents, used, rng)
-            self._focus["agent", home, one] += 1
-            self._focus["agent", one] += 1
-            where = where | {"agent": one}
         if part == "part_3":
             instances = {focus: count} | dict.fromkeys(beside, 1)
             if moving:
@@ -309,6 +309,13 @@ class _Drawer:
         if beside:
             entry["silent"] = beside
         return SampledGroup((entry,), ("one object",))
+
+    def _moving(self, part: str, room: str, agent: str) -> tuple[str, ...]:
+        """The categories that sound and move in a unit."""
+        # Several that go about the floor leave no place to an agent that stays.
+        if part == "part_2" or (part == "part_3" and room in self._composition.over_floor and agent != "walking"):
+            return ()
+        return self._composition.moving.get(room, ())
 
     def _beside(self, room: str, focus: str, single: bool, rng: Generator) -> list[str]:
         """Categories of the other objects: those that are rarest beside others come first."""
