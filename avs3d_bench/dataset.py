@@ -191,7 +191,7 @@ class Frame:
         mesh, record = self.observation.mesh(), self.observation.record
         if record is None or self.record is None or not record.moves:
             return mesh
-        return replace(mesh, vertices=record.to_frame(self.record, mesh.vertices).astype(np.float32))
+        return replace(mesh, vertices=record.to_frame(self.record, mesh.vertices, mesh.instances).astype(np.float32))
 
     def impulse_response(self, source: str | None = None, receiver: str | None = None) -> NDArray[np.float32]:
         """(channels, n) room impulse response; only in trees made `--with rirs`.
@@ -453,7 +453,8 @@ class Observation:
     def mesh(self) -> Ply:
         """The sounding instance's mesh in the world, at the first frame if it moves; not in the official release.
 
-        In part_3 the meshes of all sounding instances of the room together; not where there is none.
+        In part_3 the meshes of all sounding instances of the room together, where something moves with the instance of
+        each vertex; not where there is none.
         """
         return media.read_ply(self.where(layout.SOUNDING_OBJECT))
 

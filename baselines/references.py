@@ -166,7 +166,8 @@ def level_score(observation: Observation) -> Score:
 
     def score(_frame: Frame, candidates: Sequence[InstanceRecord]) -> Array:
         used = np.array([candidates[0].category in some for some in heard]) & np.isfinite(levels)
-        distances = np.linalg.norm(places[used, None] - np.stack([middle(one) for one in candidates]), axis=-1)
+        middles = np.array([[middle(one, frame) for one in candidates] for frame in frames])
+        distances = np.linalg.norm(places[used, None] - middles[used], axis=-1)
         return np.array([correlation(levels[used], -20 * np.log10(column)) for column in distances.T])
 
     return score
@@ -249,9 +250,12 @@ def correlation(first: Array, second: Array) -> float:
 
 def lateral_angles(frame: Frame, candidates: Sequence[InstanceRecord]) -> Array:
     """(candidates,) lateral angle of each from the pose of a frame, radians, positive right."""
-    return lateral_angle(frame.pose.to_camera(np.stack([middle(one) for one in candidates])))
+    return lateral_angle(frame.pose.to_camera(np.stack([middle(one, frame) for one in candidates])))
 
 
-def middle(instance: InstanceRecord) -> Array:
-    """(3,) the middle of an instance's bounds, metres, world coordinates."""
-    return np.asarray(np.mean(instance.bounds, axis=0))
+def middle(instance: InstanceRecord, frame: Frame) -> Array:
+    """(3,) the middle of an instance's bounds at the time of a frame, metres, world coordinates."""
+    record, entry = frame.observation.record, frame.record
+    if record is None or entry is None:
+        return np.asarray(np.mean(instance.bounds, axis=0))
+    return np.asarray(record.middle_at(entry, instance))

@@ -65,7 +65,7 @@ def observe(plan: ObservationPlan, poses: int, even: bool) -> dict[str, Any]:
     """Both engines at ``poses`` poses of one observation; ``even``: with `even_surfaces`."""
     home = home_of(plan).for_room(plan.spec.room)
     seen = arrange(plan, home)
-    stage = PlacedScene(home, seen.placements, seen.motion)
+    stage = PlacedScene(home, seen.placements, seen.motions)
     source = stage.placement(draw_sounding(plan, seen.placements), 0)
     scene = even_surfaces(stage.scene(0)) if even else stage.scene(0)
     chosen = [seen.poses[k] for k in np.unique(np.linspace(0, len(seen.poses) - 1, poses).round().astype(int))]

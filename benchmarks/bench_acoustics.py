@@ -224,7 +224,7 @@ def spreads_of_rooms() -> dict[str, dict[str, float]]:
         plan = first[name]
         home = home_of(plan).for_room(plan.spec.room)
         seen = arrange(plan, home)
-        stage = PlacedScene(home, seen.placements, seen.motion)
+        stage = PlacedScene(home, seen.placements, seen.motions)
         scene, source = stage.scene(0), stage.placement(draw_sounding(plan, seen.placements), 0).source_position
         pose, room = seen.poses[len(seen.poses) // 2], plan.spec.room
         engine = SoundSpacesBackend().open(scene, source, room=room)

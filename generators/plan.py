@@ -115,8 +115,8 @@ class ObservationPlan:
 
     @property
     def moves(self) -> bool:
-        """Whether the sounding object moves."""
-        return self.spec.source_motion == "path"
+        """Whether objects move: in part_1 and part_2 the one that sounds, in part_3 those that the manifest names."""
+        return self.spec.source_motion == "path" or bool(self.spec.moving)
 
     def rng(self, purpose: str) -> np.random.Generator:
         """The random number generator for one purpose, such as ``placement``, ``ids``, ``path`` or ``sound``.
@@ -174,6 +174,8 @@ class ObservationPlan:
             document["twins"] = spec.twins
         if spec.agent != "walking":
             document["agent"] = spec.agent
+        if spec.moving:
+            document["moving"] = sorted(spec.moving)
         if self._variants:
             document["variants"] = self._variants
         return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()

@@ -231,8 +231,10 @@ def _opening(facts: CardFacts) -> str:
     frames = sum(o.frames for o in observations)
     sizes = sorted({f"{o.width}×{o.height}" for o in observations})
     version = f" {facts.record.version}" if facts.record else ""
-    moving = sum(o.moves for o in observations)
+    moving = sum(o.moves and o.scene is None for o in observations)
     extra = f" In {_plural(moving, 'observation')} the source moves." if moving else ""
+    moving = sum(o.moves and o.scene is not None for o in observations)
+    extra += f" In {_plural(moving, 'observation')} objects move, whether they sound or not." if moving else ""
     made = ""
     if facts.record:
         engines = ", ".join(f"{name} {version}" for name, version in sorted(facts.record.backends.items()))

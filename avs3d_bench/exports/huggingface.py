@@ -187,7 +187,7 @@ def observation_row(observation: Observation) -> dict[str, Any]:
         row["receivers"] = json.dumps(receiver_facts(record), sort_keys=True)
     return row | scene | {
         "source_position": list(record.source_position) if record.source_position else None,
-        "source_moves": record.moves,
+        "source_moves": any(map(record.source_moves, record.sound_sources[:1])),
         "variant_of": record.variant_of, "t30": record.acoustics.t30, "seed": record.seed,
         "acoustics": f"{record.acoustics.backend} {record.acoustics.version}",
         "vision": f"{record.vision.backend} {record.vision.version}",

@@ -300,6 +300,14 @@ def instance_facts(instance: InstanceRecord) -> dict[str, Any]:
     }
 
 
+def _place_of(record: ObservationRecord, frame: FrameRecord, instance: InstanceRecord) -> dict[str, Any]:
+    """Position and rotation of an instance of part_3 at a frame's time, if they are others than at the first frame."""
+    if not record.is_part_3 or instance.id not in record.moving_instances:
+        return {}
+    pose = record.pose_at(frame, instance.id)
+    return {"position": list(pose.position), "rotation": list(pose.rotation)}
+
+
 def source_facts(source: SourceRecord) -> dict[str, Any]:
     """A source of part_3 as plain data; its licence is among the dataset's attributions."""
     return {
@@ -321,7 +329,10 @@ def part_3_facts(record: ObservationRecord, frame: FrameRecord) -> dict[str, Any
     """
     return {
         "group": record.group,
-        "sources": [source_facts(source) for source in record.sources or ()],
+        "sources": [
+            source_facts(source) | {"position": list(record.source_at(frame, source))}
+            for source in record.sources or ()
+        ],
         "audible": [heard.model_dump() for heard in frame.audible or ()],
         "background": record.background.model_dump() if record.background else None,
         "categories": list(record.class_ids),
@@ -333,7 +344,8 @@ def frame_facts(frame: Frame) -> dict[str, Any]:
 
     Units and axes are the dataset's: metres, degrees, Y up, camera-to-world (w, x, y, z), azimuth positive right.
     ``source_position`` and ``sounding_position``/``sounding_rotation`` are those at the frame's time, moving or not; in
-    part_3 they and the direction are those of the first source, None where there is none (or no instance of the room).
+    part_3 they and the direction are those of the first source, None where there is none (or no instance of the room),
+    and ``position`` and ``rotation`` of sources and ``instances`` are those at the frame's time as well.
     Frames of part_3 have the facts of `part_3_facts` as well, those heard by more than the two ears ``receivers``.
     """
     observation, place = frame.observation, frame.observation.place
@@ -360,14 +372,15 @@ def frame_facts(frame: Frame) -> dict[str, Any]:
     if record is None or mine is None:
         empty = ("source_position", "source_moves", "sounding_instance", "sounding_position", "sounding_rotation")
         return facts | dict.fromkeys((*empty, "instances", "t30", "variant_of"))
-    there, sounding = mine.instance_pose, record.first_instance
+    sounding = record.first_instance
+    there = record.pose_at(mine, sounding.id) if sounding else None
     facts |= {
         "source_position": list(record.source_at(mine)) if record.source_position else None,
-        "source_moves": record.moves,
+        "source_moves": any(map(record.source_moves, record.sound_sources[:1])),
         "sounding_instance": sounding.id if sounding else None,
-        "sounding_position": list((there or sounding).position) if sounding else None,
-        "sounding_rotation": list((there or sounding).rotation) if sounding else None,
-        "instances": [instance_facts(instance) for instance in record.instances],
+        "sounding_position": list(there.position) if there else None,
+        "sounding_rotation": list(there.rotation) if there else None,
+        "instances": [instance_facts(instance) | _place_of(record, mine, instance) for instance in record.instances],
         "t30": record.acoustics.t30,
         "variant_of": record.variant_of,
     }

@@ -28,13 +28,17 @@ class Ply:
         vertices: (V, 3) float32.
         faces: (F, 3) int32; F = 0 for a point cloud.
         colours: (V, 3) uint8, or None.
+        instances: (V,) int32 id of the instance that each vertex is of (property ``instance``), or None.
     """
 
     vertices: NDArray[np.float32]
     faces: NDArray[np.int32]
     colours: NDArray[np.uint8] | None = None
+    instances: NDArray[np.int32] | None = None
 
 
+#: Property of a vertex: id of the instance that it is of.
+INSTANCE = "instance"
 #: Types that are written: numpy's → the header's.
 _WRITTEN = {"<f4": "float", "|u1": "uchar", "<i4": "int"}
 
@@ -68,7 +72,13 @@ def encode_tables(tables: Mapping[str, NDArray[np.void]]) -> bytes:
     return ("\n".join([*header, "end_header"]) + "\n").encode() + body
 
 
-def _encode(path: str | Path, points: ArrayLike, faces: ArrayLike | None, colours: ArrayLike | None) -> bytes:
+def _encode(
+    path: str | Path,
+    points: ArrayLike,
+    faces: ArrayLike | None,
+    colours: ArrayLike | None,
+    instances: ArrayLike | None = None,
+) -> bytes:
     vertices = np.asarray(points, dtype=np.float64)
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         raise Avs3dError(f"{path}: vertices have shape {vertices.shape}, expected (V, 3)")
@@ -82,6 +92,9 @@ def _encode(path: str | Path, points: ArrayLike, faces: ArrayLike | None, colour
             raise Avs3dError(f"{path}: colours are {rgb.dtype} {rgb.shape}, expected uint8 {vertices.shape}")
         columns |= dict(zip(RGB, rgb.T, strict=True))
         fields += [(name, "u1") for name in RGB]
+    if instances is not None:
+        columns[INSTANCE] = np.broadcast_to(instances, len(vertices))
+        fields.append((INSTANCE, "<i4"))
     table = np.empty(len(vertices), dtype=fields)
     for name, column in columns.items():
         table[name] = column
@@ -113,13 +126,26 @@ def write_ply_mesh(path: str | Path, vertices: ArrayLike, faces: ArrayLike, colo
     write_bytes(path, encode_ply_mesh(path, vertices, faces, colours))
 
 
-def encode_ply_mesh(path: str | Path, vertices: ArrayLike, faces: ArrayLike, colours: ArrayLike | None = None) -> bytes:
+def encode_ply_mesh(
+    path: str | Path,
+    vertices: ArrayLike,
+    faces: ArrayLike,
+    colours: ArrayLike | None = None,
+    instances: ArrayLike | None = None,
+) -> bytes:
     """The file that `write_ply_mesh` writes; ``path`` names it in messages.
+
+    Args:
+        path: the file.
+        vertices: (V, 3) metres, world coordinates (Y up).
+        faces: (F, 3) vertex indices, counter-clockwise seen from outside.
+        colours: (V, 3) uint8.
+        instances: (V,) id of the instance that each vertex is of.
 
     Raises:
         Avs3dError: if numbers are not finite, or indices are out of range.
     """
-    return _encode(path, vertices, faces, colours)
+    return _encode(path, vertices, faces, colours, instances)
 
 
 def write_ply_points(path: str | Path, points: ArrayLike, colours: ArrayLike | None = None) -> None:
@@ -156,4 +182,5 @@ def read_ply(path: str | Path) -> Ply:
         if indices.min() < 0 or indices.max() >= len(vertices):
             raise Avs3dError(f"{path}: a face names vertex {int(indices.max())} of {len(vertices)}; repair the mesh")
         faces = indices.astype(np.int32)
-    return Ply(vertices, faces, colours)
+    instances = vertex[INSTANCE].astype(np.int32) if vertex is not None and INSTANCE in names else None
+    return Ply(vertices, faces, colours, instances)

@@ -125,7 +125,10 @@ def lay_out_map(axes: Axes, observation: Observation, facts: PageFacts) -> Floor
     axes.set_xlabel("x (m)")
     axes.set_ylabel("z (m)")
     rows: list[tuple[str, str, Any]] = [("path, from violet (start) to amber", "_", hexadecimal(path_colour(1, 3)))]
-    rows += [("heading in test frames", r"$\rightarrow$", INK), *[("path of the source", "_", SOURCE)] * facts.moves]
+    rows += [
+        ("heading in test frames", r"$\rightarrow$", INK),
+        *[("path of the source", "_", SOURCE)] * bool(facts.ways),
+    ]
     if facts.lanes:
         rows += [(_label(s), ">" if s.off_screen else "*", hexadecimal(s.colour)) for s in facts.lanes.sources]
     else:

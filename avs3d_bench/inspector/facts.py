@@ -43,7 +43,7 @@ class PageFacts:
         category: of the sounding object; None in the official release.
         moments: the frames in the order of time.
         instances: placed objects, sorted by id; empty in the official release.
-        moves: whether the source moves.
+        moving: ids of the instances that move.
         t30: reverberation time, seconds.
         details: (term, text) pairs for the list of facts.
         notes: the generator's remarks.
@@ -64,7 +64,7 @@ class PageFacts:
     category: str | None
     moments: tuple[Moment, ...]
     instances: tuple[InstanceRecord, ...]
-    moves: bool
+    moving: tuple[int, ...]
     t30: float | None
     details: tuple[tuple[str, str], ...]
     notes: tuple[str, ...]
@@ -78,6 +78,18 @@ class PageFacts:
     has_map: bool
     sound: ShownSound | None = None
     has_ambisonics: bool = False
+
+    @property
+    def moves(self) -> bool:
+        """Whether any object moves."""
+        return bool(self.moving)
+
+    @property
+    def ways(self) -> tuple[tuple[tuple[float, float, float], ...], ...]:
+        """The places of each source that moves, in each frame."""
+        if self.sound is None:
+            return ()
+        return tuple(source.places for source in self.sound.sources if source.record.instance in self.moving)
 
     @property
     def lanes(self) -> ShownSound | None:
@@ -115,7 +127,7 @@ def read_facts(dataset: Dataset, observation: Observation) -> PageFacts:
         category=observation.category,
         moments=moments,
         instances=tuple(sorted(record.instances, key=lambda i: i.id)) if record else (),
-        moves=bool(record and record.moves),
+        moving=record.moving_instances if record else (),
         t30=record.acoustics.t30 if record else None,
         details=list_details(dataset, observation, moments, hfov, sound),
         notes=tuple(n for n in (*record.notes, record.acoustics.notes) if n) if record else (),

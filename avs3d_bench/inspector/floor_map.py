@@ -164,15 +164,15 @@ class FloorMap:
         moments, lanes = self.facts.moments, self.facts.lanes
         shapes = []
         for instance, box in zip(self.facts.instances, self._boxes, strict=True):
-            if instance.sounding and self.facts.moves and number is not None:
-                continue  # a film shows where it is now
+            if instance.id in self.facts.moving and number is not None:
+                continue  # in a film it is elsewhere: the star of a source shows where it is now
             kind = "sounds" if instance.sounding else "twin" if self.facts.is_twin(instance) else "other"
             colour = lanes.colours[instance.id] if lanes and kind != "other" else None
             corners = [(box.left, box.top), (box.right, box.top), (box.right, box.bottom), (box.left, box.bottom)]
             shapes.append(_shape(f"thing {kind}", corners, colour))
-        if self.facts.moves:
-            passed = moments if number is None else moments[: number + 1]
-            shapes.append(_shape("way", [self.place(m.source) for m in passed if m.source]))
+        for way in self.facts.ways:
+            passed = way if number is None else way[: number + 1]
+            shapes.append(_shape("way", [self.place(point) for point in passed]))
         at = [self.place(m.position) if m.position else None for m in moments]
         shapes.append(_shape("halo", [p for p in at if p]))
         for i in range(1, len(at)):
@@ -210,7 +210,7 @@ class FloorMap:
         shapes = []
         middle = np.array(self.size) / 2
         for source in self.facts.lanes.sources:
-            at = np.array(self.place(source.record.position))
+            at = np.array(self.place(source.places[number or 0] if source.places else source.record.position))
             away = at - middle
             share = float(np.min((middle - _INSET) / np.maximum(1e-9, np.abs(away))))
             kind = "source hollow" if number is not None and source.heard[number] is None else "source"

@@ -267,6 +267,8 @@ def _source_data(source: ShownSource, levels: Sequence[float | None] | None) -> 
         "drr": _rounded([entry.drr_db if entry else None for entry in source.heard], 1),
         "azimuth": _rounded(source.azimuth, 1),
         "distance": _rounded(source.distance, 2),
+        # Where it is on the map, if it moves.
+        "at": [[_round(x, 3), _round(z, 3)] for x, _, z in source.places] if len({*source.places}) > 1 else None,
     }
 
 

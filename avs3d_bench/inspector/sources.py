@@ -53,6 +53,7 @@ class ShownSource:
         colour: RGB in lanes, masks and maps.
         spans: [start, end) in seconds in which it sounds, within the observation's time.
         heard: for each frame its entry in `audible`; None where it has none: not audible, or in part_1 and part_2.
+        places: where it is in each frame, (x, y, z) metres.
         azimuth: of the source in each frame, degrees, 0 ahead, positive right; None without a pose.
         distance: to the source in each frame, metres; None without a pose.
     """
@@ -62,6 +63,7 @@ class ShownSource:
     colour: Colour
     spans: tuple[tuple[float, float], ...]
     heard: tuple[AudibleRecord | None, ...]
+    places: tuple[tuple[float, float, float], ...]
     azimuth: tuple[float | None, ...]
     distance: tuple[float | None, ...]
 
@@ -248,7 +250,7 @@ def _shown_sources(observation: Observation, record: ObservationRecord) -> tuple
     entries = [{entry.source: entry for entry in r.audible or ()} if r else {} for r in records]
     sources = []
     for source in record.sound_sources:
-        places = [record.source_at(r) if record.moves and r else source.position for r in records]
+        places = [record.source_at(r, source) if r else source.position for r in records]
         directions = [
             direction_to(frame.pose, place) if frame.has_pose else None
             for frame, place in zip(observation.frames, places, strict=True)
@@ -261,6 +263,7 @@ def _shown_sources(observation: Observation, record: ObservationRecord) -> tuple
                 colour=colours[source.id],
                 spans=tuple((start, end) for start, end in spans if start < end),
                 heard=tuple(frame.get(source.id) for frame in entries),
+                places=tuple(places),
                 azimuth=tuple(d.azimuth if d else None for d in directions),
                 distance=tuple(d.distance if d else None for d in directions),
             )

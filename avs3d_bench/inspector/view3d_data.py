@@ -6,7 +6,7 @@ World coordinates: metres, Y up. What the official release does not have (mesh, 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,7 +30,6 @@ from avs3d_bench.inspector.view3d_surfaces import VisibleSurface, floor_picture,
 DEPTH_FRAMES, DEPTH_POINTS = 12, 25_000
 #: A predicted cloud that is larger is thinned for showing.
 MOST_PREDICTED = 200_000
-_NOT_MOVED = Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,16 +51,16 @@ class Moment3D:
     Attributes:
         frame: where its picture is.
         pose: of the camera, camera-to-world.
-        source: where the sound comes from at this time; None if unknown.
-        moved: takes the sounding object from where it is at the first frame to where it is now.
+        sources: id of a source → where it is at this time; none if that is unknown.
+        moved: id of an instance that moves → what takes it from where it is at the first frame to where it is now.
         audible: ids and names of the audible sources of a part_3 observation; None if it is none.
         nothing: what is heard where there are none.
     """
 
     frame: Frame
     pose: Pose
-    source: tuple[float, float, float] | None
-    moved: Pose
+    sources: Mapping[str, tuple[float, float, float]]
+    moved: Mapping[int, Pose]
     audible: dict[str, str] | None = None
     nothing: str = "silence"
 
@@ -102,7 +101,7 @@ class Scene3D:
         dense: from a few frames' depth; None without depth.
         mesh: of the sounding object at the first frame; None in the official release.
         instances: placed objects.
-        moves: whether the source moves.
+        moving: ids of those that move.
         predictions: in the order of the submissions.
         lanes: the sound, where each source is shown for itself; None where one always sounds, or nothing is known.
     """
@@ -117,7 +116,7 @@ class Scene3D:
     dense: Cloud | None
     mesh: Ply | None
     instances: tuple[InstanceRecord, ...]
-    moves: bool
+    moving: tuple[int, ...]
     predictions: tuple[PredictedPoints, ...]
     lanes: ShownSound | None = None
 
@@ -161,23 +160,26 @@ def read_scene(observation: Observation, submissions: Sequence[str | Path] = ())
         dense=dense.where(dense.points[:, 1] <= top) if dense else None,
         mesh=observation.mesh() if (observation.path / layout.SOUNDING_OBJECT).exists() else None,
         instances=record.instances if record else (),
-        moves=bool(record and record.moves),
+        moving=record.moving_instances if record else (),
         predictions=predictions,
         lanes=lanes,
     )
 
 
 def _moment(frame: Frame, record: ObservationRecord | None, lanes: ShownSound | None, number: int) -> Moment3D:
-    if lanes is not None:
-        audible = {source.record.id: source.name for source in lanes.audible(number)}
-        return Moment3D(frame, frame.pose, None, _NOT_MOVED, audible, lanes.nothing)
-    source, moved = None, _NOT_MOVED
-    if record is not None and frame.record is not None:
-        source = record.source_at(frame.record)
-        now = frame.record.instance_pose
-        if now is not None:
-            moved = moved_from(Pose(record.sounding.position, record.sounding.rotation), now)
-    return Moment3D(frame, frame.pose, source, moved)
+    entry = frame.record
+    if record is None or entry is None:
+        return Moment3D(frame, frame.pose, {}, {})
+    sources = {source.id: record.source_at(entry, source) for source in record.sound_sources}
+    moved = {}
+    for instance in record.instances:
+        if instance.id in record.moving_instances:
+            first = Pose(instance.position, instance.rotation)
+            moved[instance.id] = moved_from(first, record.pose_at(entry, instance.id))
+    if lanes is None:
+        return Moment3D(frame, frame.pose, sources, moved)
+    audible = {source.record.id: source.name for source in lanes.audible(number)}
+    return Moment3D(frame, frame.pose, sources, moved, audible, lanes.nothing)
 
 
 def moved_from(first: Pose, now: Pose) -> Pose:

@@ -61,6 +61,7 @@ class ViserScene:
         self.server, self.scene = server, scene
         self.layers: dict[str, list[Any]] = {}
         self._now: dict[str, Any] = {}
+        self._moving: dict[int, list[Any]] = {}
         self._pictures: dict[int, NDArray[np.uint8]] = {}
 
     def build(self) -> None:
@@ -80,7 +81,7 @@ class ViserScene:
         self.show(0)
 
     def show(self, number: int) -> None:
-        """Move the camera, the source and the sounding object to frame ``number`` of those with a pose."""
+        """Move the camera, the sources and the objects to frame ``number`` of those with a pose."""
         moment = self.scene.frames[number]
         picture = self._picture(number)
         camera = self._now.get("camera")
@@ -90,14 +91,15 @@ class ViserScene:
         else:
             camera.image, camera.position, camera.wxyz = picture, moment.pose.position, opencv_rotation(moment.pose)
         for name, handle in self._now.items():
-            if name == "source" and moment.source is not None:
-                handle.position = moment.source
+            if name in moment.sources:
+                handle.position = moment.sources[name]
             if name in (moment.audible or ()):
                 handle.scale = 1.0
-            elif name.startswith("source_"):
+            elif moment.audible is not None and name.startswith("source_"):
                 handle.scale = _NOT_AUDIBLE
-            if name == "object":
-                handle.position, handle.wxyz = moment.moved.position, moment.moved.rotation
+        for instance, moved in moment.moved.items():
+            for handle in self._moving.get(instance, ()):
+                handle.position, handle.wxyz = moved.position, moved.rotation
 
     def _picture(self, number: int) -> NDArray[np.uint8]:
         """The frame, small; decoded once."""
@@ -112,9 +114,9 @@ class ViserScene:
         """The first view: from above, across the path onto the source (onto the path where it is unknown)."""
         path = np.array([moment.pose.position for moment in self.scene.frames])
         middle = path.mean(axis=0)
-        source = self.scene.frames[0].source
-        inside = [s.record.position for s in self.scene.lanes.sources if not s.off_screen] if self.scene.lanes else []
-        source = inside[0] if inside else source
+        away_from_here = {s.record.id for s in self.scene.lanes.sources if s.off_screen} if self.scene.lanes else set()
+        here = [place for name, place in self.scene.frames[0].sources.items() if name not in away_from_here]
+        source = here[0] if here else None
         away = (middle - np.array(source)) * (1, 0, 1) if source is not None else np.array([1.0, 0.0, 1.0])
         length = float(np.linalg.norm(away))
         away = away / length if length > 1e-3 else np.array([0.0, 0.0, 1.0])
@@ -162,21 +164,17 @@ class ViserScene:
                 "/object/mesh", mesh.vertices, mesh.faces, color=_TRUTH, flat_shading=True, side="double", opacity=0.85
             )
             self._add("sounding object", handle)
-            if self.scene.moves:
-                self._now["object"] = handle
+            for number in self.scene.moving:
+                self._moving.setdefault(number, []).append(handle)
         for instance in self.scene.instances:
-            if not (instance.sounding and self.scene.moves):
-                self._box(instance)
-        spots = [moment.source for moment in self.scene.frames if moment.source is not None]
-        if spots:
+            self._box(instance)
+        spots = [place for moment in self.scene.frames for place in moment.sources.values()]
+        if spots and self.scene.lanes is None:
             ball = add.add_icosphere("/source", radius=_SOURCE_RADIUS, color=_TRUTH, position=spots[0])
-            self._now["source"] = ball
+            self._now["source_1"] = ball
             self._add("source", ball)
-        if self.scene.moves:
-            # A source that does not move is named by its box.
-            what = f"{words(self.scene.category or 'object')} (sounding)"
-            self._add("source", add.add_label("/source/name", what, anchor="bottom-center", position=(0.0, 0.1, 0.0)))
-            self._add("source", self._polyline("/source_path", spots, _TRUTH))
+            if self.scene.moving:
+                self._add("source", self._polyline("/source_path", spots, _TRUTH))
 
     def _sources(self, scene: ShownSound) -> None:
         """The sources of a part_3 observation, and the meshes of its sounding instances, each in its colour."""
@@ -193,13 +191,18 @@ class ViserScene:
                     "sources", add.add_label(f"{node}/name", text, anchor="bottom-center", position=(0.0, 0.1, 0.0))
                 )
         for instance in self.scene.instances:
-            faces = faces_within(self.scene.mesh, instance.bounds) if instance.sounding and self.scene.mesh else None
+            faces = faces_of(self.scene.mesh, instance) if instance.sounding and self.scene.mesh else None
             if self.scene.mesh is not None and faces is not None and len(faces):
                 handle = add.add_mesh_simple(
                     f"/object/mesh/{instance.id}", self.scene.mesh.vertices, faces, color=scene.colours[instance.id],
                     flat_shading=True, side="double", opacity=0.85,
                 )  # fmt: skip
                 self._add("sounding objects", handle)
+                self._moving.setdefault(instance.id, []).append(handle)
+        for source in scene.sources:
+            if source.record.instance in self.scene.moving:
+                spots = [moment.sources[source.record.id] for moment in self.scene.frames]
+                self._add("sources", self._polyline(f"/source_path/{source.record.id}", spots, source.colour))
 
     def _box(self, instance: InstanceRecord) -> None:
         low, high = (np.array(corner, dtype=np.float32) for corner in instance.bounds)
@@ -213,8 +216,9 @@ class ViserScene:
         )
         text = name + (" (sounding)" if instance.sounding else "")
         top = ((low + high) / 2 * (1, 0, 1) + high * (0, 1, 0)).astype(float)
-        label = self.server.scene.add_label(f"{node}/name", text, position=tuple(top), anchor="bottom-center")
+        label = self.server.scene.add_label(f"{node}/box/name", text, position=tuple(top), anchor="bottom-center")
         self._add("objects", lines, label)
+        self._moving.setdefault(instance.id, []).append(lines)  # its name with it
 
     def _path(self) -> None:
         frames = self.scene.frames
@@ -264,6 +268,13 @@ def opencv_rotation(pose: Pose) -> tuple[float, float, float, float]:
     turned = Rotation.from_quat([x, y, z, w]) * Rotation.from_quat([1.0, 0.0, 0.0, 0.0])
     x, y, z, w = (float(c) for c in turned.as_quat())
     return w, x, y, z
+
+
+def faces_of(mesh: Ply, instance: InstanceRecord) -> NDArray[np.integer[Any]]:
+    """The faces (M, 3) of an instance: vertices name it where something moves, else they lie in its bounds."""
+    if mesh.instances is None:
+        return faces_within(mesh, instance.bounds)
+    return np.asarray(mesh.faces[mesh.instances[mesh.faces[:, 0]] == instance.id])
 
 
 def faces_within(mesh: Ply, bounds: tuple[Vector3, Vector3], slack: float = 0.01) -> NDArray[np.integer[Any]]:

@@ -202,7 +202,7 @@ def _hearing(
         return None  # its reverberation comes from everywhere
     if not (entry.line_of_sight if source.id == _FIRST else source.instance in visible):
         return None
-    where = direction_to(entry.pose, source.position)
+    where = direction_to(entry.pose, record.source_at(entry, source))
     return Hearing(frame, clip, where.azimuth, where.distance, source.gain_db)
 
 

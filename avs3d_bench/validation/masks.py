@@ -47,6 +47,12 @@ def check_mesh(
             text = f"bounds differ from those of {what} {which} in the record by {off:.3f} m"
             findings.add(layout.SOUNDING_OBJECT, text)
             return None  # one wrong mesh would make every mask look wrong
+        if record.is_part_3 and record.moves:
+            named = set() if mesh.instances is None else set(mesh.instances.tolist())
+            if named != {instance.id for instance in sounding}:
+                text = f"vertices name the instances {sorted(named)}, where things move expected those that sound"
+                findings.add(layout.SOUNDING_OBJECT, text)
+                return None
     return mesh
 
 

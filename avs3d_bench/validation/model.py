@@ -50,7 +50,7 @@ def check_model(
     if record and record.moves:
         wrong, total = moving_points(observation, model)
         if wrong > max(2, MOVING_SHARE * total):
-            text = f"{wrong} of {total} sightings lie on the moving object; expected points on what stands still alone"
+            text = f"{wrong} of {total} sightings lie on what moves; expected points on what stands still alone"
             findings.add(points, text)
     if len(model.points.ids) == 0:
         findings.add(points, "no points; 3D Gaussians start from them")

@@ -242,7 +242,8 @@ def _check_responses(one: _Channels, name: str, record: ObservationRecord, files
     """The responses explain the clip, where one source alone makes it; the others are read."""
     sources = record.sources
     ids = [None] if sources is None else [source.id for source in sources]
-    alone = record.background is None and (sources is None or len(sources) == 1) and not record.moves
+    alone = record.background is None and (sources is None or len(sources) == 1)
+    alone = alone and not any(map(record.source_moves, record.sound_sources))
     for source in ids:
         path = layout.rir_path(one.frame.index, source, name)
         response = read(findings, files, path, partial(one.frame.impulse_response, source, name))

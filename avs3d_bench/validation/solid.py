@@ -117,7 +117,7 @@ def check_solid(
     mesh or the mesh ends.
     """
     paths, mask = frame_paths(frame), sounding_mask(record, found)
-    placed = record.to_frame(entry, mesh.vertices) if record.moves else mesh.vertices
+    placed = record.to_frame(entry, mesh.vertices, mesh.instances) if record.moves else mesh.vertices
     vertices = placed.astype(np.float32)
     reach = silhouette(frame.observation.intrinsics, entry.pose, vertices, mesh.faces, MARGIN)
     path = paths[layout.INSTANCE_MASKS if record.is_part_3 else layout.SEMANTIC_MASKS]
@@ -226,13 +226,13 @@ class Boxes:
     """Holds the instance masks to the bounds of the record, with the points that were taken from each frame."""
 
     def __init__(self, record: ObservationRecord) -> None:
-        # A moving source: `sparse/0` has no point on any placed object, so that those within the bounds of one lie on
-        # what it stands on or against.
+        # Where something moves, `sparse/0` has no point on any placed object, so that those within the bounds of one
+        # lie on what it stands on or against.
         self._on_objects = not record.moves
         self._boxes = {
             instance.id: np.asarray(instance.bounds)
             for instance in record.instances
-            if not (instance.sounding and record.moves)
+            if instance.id not in record.moving_instances
         }
         self._inside = dict.fromkeys(self._boxes, 0)
         self._marked = dict.fromkeys(self._boxes, 0)

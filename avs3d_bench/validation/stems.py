@@ -136,11 +136,15 @@ def check_source_response(
 ) -> None:
     """Read the response of a source, if there is one, and hold it against the source's stem, if that is known.
 
-    Where the source does not sound during the whole clip, most of the stem may be from before it.
+    Where the source does not sound during the whole clip, most of the stem may be from before it; what moves is heard
+    with other responses as well.
     """
     path = layout.rir_path(frame.index, source.id)
     response = read(findings, files, path, partial(frame.impulse_response, source.id))
     if response is None or stem is None or frame.record is None or not sounds_throughout(source, frame.record):
+        return
+    whole = frame.observation.record
+    if whole is not None and whole.source_moves(source):
         return
     if float(np.abs(stem).max()) > SILENCE:
         check_response(path, layout.stem_path(source.id, frame.index), stem, response, findings)

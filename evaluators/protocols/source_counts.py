@@ -125,4 +125,5 @@ def _volume(observation: Observation, cloud: NDArray[np.float32]) -> VolumeScore
 
 def _moves(observation: Observation) -> bool:
     """Whether the sounding object moves: then gt_3d holds it at the first frame, and points have no one truth."""
-    return observation.record is not None and observation.record.moves
+    record = observation.record
+    return record is not None and any(map(record.source_moves, record.sound_sources))

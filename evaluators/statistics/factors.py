@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from avs3d_bench.contract import layout
 from avs3d_bench.contract.schema import AudibleRecord, FrameRecord, ObservationRecord
@@ -118,10 +118,9 @@ def _heard(frame: Frame, record: ObservationRecord, here: FrameRecord, why: dict
     if loudest is None:
         return None
     source = record.source(loudest.source)
-    to = direction_to(here.pose, source.position)
-    return _Heard(
-        source.category, source.position, to.distance, to.azimuth, to.elevation, loudest.drr_db, loudest.snr_db
-    )
+    place = record.source_at(here, source)
+    to = direction_to(here.pose, place)
+    return _Heard(source.category, place, to.distance, to.azimuth, to.elevation, loudest.drr_db, loudest.snr_db)
 
 
 def _response_drr(frame: Frame, here: FrameRecord, why: dict[str, str]) -> float | None:
@@ -172,10 +171,10 @@ def _twins(
 ) -> tuple[int, float | None]:
     """Number of objects of a category that are silent in a frame, and the distance of the nearest from the source."""
     audible = record.audible_instances(here)
-    silent = [one.bounds for one in record.instances if one.category == category and one.id not in audible]
+    silent = [one for one in record.instances if one.category == category and one.id not in audible]
     if not silent:
         return 0, None
-    middles: NDArray[np.float64] = np.mean(np.asarray(silent, dtype=np.float64), axis=1)
+    middles = np.array([record.middle_at(here, one) for one in silent])
     return len(silent), float(np.linalg.norm(middles - np.asarray(source), axis=1).min())
 
 

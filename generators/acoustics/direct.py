@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,12 @@ class DirectPath:
     def __init__(self, scene: Scene, source: tuple[float, float, float]) -> None:
         self._triangles = acoustic_mesh(scene, source).triangles
         self._source = np.asarray(source, dtype=np.float64)
+
+    def at(self, source: tuple[float, float, float]) -> DirectPath:
+        """The path from where the same source is at another time."""
+        moved = copy(self)
+        moved._source = np.asarray(source, dtype=np.float64)
+        return moved
 
     def is_free(self, pose: Pose) -> bool:
         """Whether nothing is between the source and the listener."""

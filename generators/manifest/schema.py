@@ -503,7 +503,7 @@ class BackgroundSpec(_Model):
 
 
 #: Fields of an entry of part_3, and of the other parts.
-_PART_3_FIELDS = ("sources", "background", "variant_of", "twins")
+_PART_3_FIELDS = ("sources", "background", "variant_of", "twins", "moving")
 _ONE_SOURCE_FIELDS = ("category", "silent", "variant")
 
 
@@ -513,6 +513,7 @@ class ObservationSpec(_Model):
     In part_1 and part_2, ``category`` is that of the sounding object, ``instances`` the number of its kind, and
     ``silent`` lists the categories of the other objects. In part_3, ``instances`` is a mapping of categories to numbers
     of identical objects, and ``sources`` says which of them sound, with a diffuse ``background`` if there is one.
+    All objects of the categories in ``moving`` move, whether they sound or not.
     With ``twins: alike`` identical objects stand near one another, and the walk keeps their distances alike.
 
     The ``agent`` is walking, or it stays at a place of its walk: turning slowly, or standing.
@@ -532,6 +533,7 @@ class ObservationSpec(_Model):
     sources: tuple[SourceSpec, ...] | None = Field(None, max_length=MOST_SOURCES)
     background: BackgroundSpec | None = None
     twins: Twins = "apart"
+    moving: tuple[InstanceName, ...] = Field((), max_length=MOST_SILENT)
     variant: Line | None = None
     acoustics: AcousticsSpec = AcousticsSpec()
     source_motion: SourceMotion = "static"
@@ -576,7 +578,11 @@ class ObservationSpec(_Model):
         if self.sources is None:
             raise ValueError("sources is missing; expected a list, [] for silence")
         if self.source_motion != "static":
-            raise ValueError("source_motion belongs to part_1 and part_2; in part_3 nothing moves")
+            raise ValueError(
+                "source_motion belongs to part_1 and part_2; in part_3 name the categories that move, whether they "
+                "sound or not: moving: [vacuum_cleaner, …]"
+            )
+        self._check_moving(self.instances)
         taken: dict[str, list[int | None]] = {}
         faults = [
             (("sources", number), fault)
@@ -585,6 +591,24 @@ class ObservationSpec(_Model):
         ]
         if faults:
             raise FieldError(*faults)
+
+    def _check_moving(self, instances: dict[str, int]) -> None:
+        """Check which categories move.
+
+        Raises:
+            ValueError: naming the category.
+        """
+        for name in self.moving:
+            if name not in instances:
+                raise ValueError(
+                    f"moving: no {name} stands in this {self.room}; instances has {listed(tuple(instances))}"
+                )
+            if self.moving.count(name) > 1:
+                raise ValueError(f"moving: {name} is listed twice")
+        if self.moving and self.twins == "alike":
+            raise ValueError(
+                "moving and twins: alike exclude each other: what moves is not equally far away all the time"
+            )
 
     def _fault_of(self, source: SourceSpec, among: list[int | None]) -> str:
         """The fault of a source; empty if there is none.
@@ -657,6 +681,7 @@ class ObservationSpec(_Model):
         """Content for digests: options that later versions added count only where they are set."""
         usual: dict[str, Any] = {"acoustics": AcousticsSpec().model_dump(), "source_motion": "static", "twins": "apart"}
         usual["agent"] = "walking"
+        usual["moving"] = ()
         usual |= dict.fromkeys(("like", "variant_of", "sources", "background"))
         usual["directivity"] = OMNI.model_dump()
         document = self.model_dump()

@@ -3,7 +3,8 @@
 The pictures must not reveal which object sounds. `arrange` therefore chooses the places of the objects, the instance
 ids, the walk and the gaze with the same rules for all objects: it reads only the set of models, in which the sounding
 category is not marked. `draw_instances` draws the sounding instances from random streams of their own, which
-nothing visible depends on. (With ``source_motion: path`` the motion itself reveals it: only the sounding object moves.)
+nothing visible depends on. In part_3 the manifest names the categories that move, whether they sound or not. (With
+``source_motion: path``, in part_1 and part_2, the motion itself reveals it: only the sounding object moves.)
 """
 
 from __future__ import annotations
@@ -24,14 +25,14 @@ from generators.library import open_asset
 from generators.manifest.schema import ObjectSpec, SoundSpec
 from generators.objects import build
 from generators.observation.parts import rules_of
-from generators.paths.motion import Motion, movable, plan_motion
+from generators.paths.motion import Motion, movable, plan_motions
 from generators.paths.standing import stay
 from generators.paths.trajectory import WalkTask, plan_walk
 from generators.placement.placement import RULES, TWIN_SPAN, Placement, Rule, place
 from generators.placement.site import Site
 from generators.plan import ObservationPlan, resolve_file
 
-#: Number of places that are tried for an object that moves.
+#: Number of places that are tried for objects that move.
 PLACES_TO_MOVE = 6
 
 
@@ -43,13 +44,13 @@ class Arrangement:
         placements: the objects at time 0; instance n is number n − 1.
         poses: of the agent, one per frame.
         notes: constraints that were relaxed; no note tells which object it is about.
-        motion: of the object that moves, if one does.
+        motions: of the objects that move, in the order of their ids.
     """
 
     placements: tuple[Placement, ...]
     poses: tuple[Pose, ...]
     notes: tuple[str, ...]
-    motion: Motion | None = None
+    motions: tuple[Motion, ...] = ()
 
 
 def arrange(
@@ -68,24 +69,24 @@ def arrange(
     """
     camera = plan.camera
     site = site or Site.of(home, plan.spec.room)
-    placements, motion = place_objects(plan, site)
+    placements, motions = place_objects(plan, site)
     task = WalkTask(
         site,
         placements,
         frames=camera.frames,
         height=camera.height,
         hfov=camera.hfov,
-        motion=motion,
+        motions=motions,
         navigable=navigable,
         alike=copies_of(placements) if plan.spec.twins == "alike" else (),
     )
     walk = plan_walk(task, plan.rng("path"))
     if plan.spec.agent == "walking":
-        return Arrangement(placements, walk.poses, walk.notes, motion)
+        return Arrangement(placements, walk.poses, walk.notes, motions)
     turns = plan.spec.agent == "turning"
-    poses = stay(walk.poses, plan.rng("agent"), turns=turns, motion=motion, name=site.name)
+    poses = stay(walk.poses, plan.rng("agent"), turns=turns, motions=motions, name=site.name)
     # What the walk would have seen says nothing of what is seen from one place.
-    return Arrangement(placements, poses, tuple(one.relaxed for one in placements if one.relaxed), motion)
+    return Arrangement(placements, poses, tuple(one.relaxed for one in placements if one.relaxed), motions)
 
 
 def copies_of(placements: Sequence[Placement]) -> tuple[tuple[int, ...], ...]:
@@ -129,8 +130,8 @@ def draw_sounding(plan: ObservationPlan, placements: Sequence[Placement]) -> int
     return instance
 
 
-def place_objects(plan: ObservationPlan, site: Site) -> tuple[tuple[Placement, ...], Motion | None]:
-    """The objects at time 0 in the order of their ids, and the motion of the sounding one if it is to move."""
+def place_objects(plan: ObservationPlan, site: Site) -> tuple[tuple[Placement, ...], tuple[Motion, ...]]:
+    """The objects at time 0 in the order of their ids, and the motions of those that are to move."""
     rng = plan.rng("placement")
     models, rules = choose_models(plan), placement_rules(plan)
     # The ids must reveal neither the order of placement nor that of the manifest.
@@ -138,21 +139,32 @@ def place_objects(plan: ObservationPlan, site: Site) -> tuple[tuple[Placement, .
     models = tuple(models[index] for index in order)
     if not plan.moves:
         span = TWIN_SPAN if plan.spec.twins == "alike" else math.inf
-        return place(site, models, rng=rng, rules=rules, span=span), None
+        return place(site, models, rng=rng, rules=rules, span=span), ()
     standing = {id(model): movable(model) for model in models}
     models = tuple(standing[id(model)] for model in models)
     for attempt in range(PLACES_TO_MOVE):
         placements = place(site, models, rng=rng, rules=rules)
-        index = draw_sounding(plan, placements) - 1
+        moving = choose_moving(plan, placements)
         try:
-            motion = plan_motion(site, placements, index, seconds=plan.camera.frames, rng=plan.rng("motion"))
+            motions = plan_motions(site, placements, moving, seconds=plan.camera.frames, rng=plan.rng("motion"))
         except Avs3dError:
             # Another place may leave more room.
             if attempt == PLACES_TO_MOVE - 1:
                 raise
             continue
         break
-    return tuple(motion.start if number == index else p for number, p in enumerate(placements)), motion
+    starts = {motion.index: motion.start for motion in motions}
+    return tuple(starts.get(number, placement) for number, placement in enumerate(placements)), motions
+
+
+def choose_moving(plan: ObservationPlan, placements: Sequence[Placement]) -> tuple[int, ...]:
+    """Indices of the objects that move: all of the categories that a part_3 manifest names; else the one that sounds.
+
+    In part_3 this does not depend on the sources: siblings, which have other ones, have the same motions.
+    """
+    if plan.spec.is_part_3:
+        return tuple(index for index, one in enumerate(placements) if one.model.category in plan.spec.moving)
+    return (draw_sounding(plan, placements) - 1,)
 
 
 def choose_models(plan: ObservationPlan) -> tuple[Model, ...]:

@@ -125,7 +125,8 @@ def _write(
     for index in range(len(clips)):
         if writer.keeps(layout.audio_path(layout.MONO, index)):
             writer.add_mono(index, mono_clip(clips, index))
-    writer.add_sounding_mesh(*(placement.mesh for placement in prepared.sounding.values()))
+    meshes = {number: placement.mesh for number, placement in prepared.sounding.items()}
+    writer.add_sounding_mesh(meshes, named=prepared.rules.named_sources and prepared.stage.moves)
     top_view = prepared.stage.top_view(plan.spec.room)
     if top_view is not None:
         writer.add_top_view(top_view.rgb)

@@ -19,7 +19,7 @@ from avs3d_bench.contract import layout
 from avs3d_bench.geometry import Pose
 from avs3d_bench.runtime.ahead import continue_in_fork
 from generators.acoustics.base import AcousticBackend, AcousticSession, BatchSession, Place, ReceiverSession
-from generators.acoustics.clips import STEP_SECONDS, binaural_clip, joined, moving_clip, receiver_clip
+from generators.acoustics.clips import STEP_SECONDS, joined, moving_clip, receiver_clip
 from generators.acoustics.direct import DirectPath
 from generators.acoustics.directivity import Directivity
 from generators.backends import acoustic_backend
@@ -135,6 +135,11 @@ class AcousticJob:
         pose = self.path[second]
         return pose.position if self.directivity is None else pose
 
+    def seconds(self, index: int) -> Sequence[int]:
+        """When what is heard in a second has left the source: full seconds, those of ``path``."""
+        # Before the first frame the source stands where it begins.
+        return range(max(index - 1, 0), index + 2) if self.moves else (0,)
+
     @property
     def moves(self) -> bool:
         """Whether the source moves."""
@@ -191,41 +196,46 @@ def responses_at(session: AcousticSession, pose: Pose) -> dict[str, NDArray[np.f
 
 def _hear(job: AcousticJob, session: AcousticSession, direct: DirectPath | None, index: int) -> HeardSource:
     """Hear second ``index`` of one source."""
-    recordings = (_hear_moving if job.moves else _hear_still)(job, session, index)
-    head = recordings.pop(HEAD)
-    return HeardSource(head, recordings, None if direct is None else _direct_level(job, direct, head, index))
-
-
-def _hear_still(job: AcousticJob, session: AcousticSession, index: int) -> dict[str, Recording]:
-    """Receiver → what it hears of a source that stands still."""
-    responses, second = responses_at(session, job.poses[index]), index + PRE_ROLL
-    return {
-        name: Recording.of(receiver_clip(job.samples, one, second, tail=_STEP), one) for name, one in responses.items()
-    }
-
-
-def _hear_moving(job: AcousticJob, session: AcousticSession, index: int) -> dict[str, Recording]:
-    """The same of a source that moves: it is heard from where it was when the sound left it."""
     pose = job.poses[index]
-    # Before the first frame the source stands where it begins.
-    seconds = range(max(index - 1, 0), index + 2)
     found: list[dict[str, NDArray[np.float32]]] = []
-    for second in seconds:
-        session.move_source(job.place(second))
+    for second in job.seconds(index):
+        if job.moves:
+            session.move_source(job.place(second))
         found.append(responses_at(session, pose))
-    distances = [math.dist(job.path[second].position, pose.position) for second in seconds]
     recordings = {}
     for name in found[0]:
         responses = [one[name] for one in found]
-        samples = moving_clip(job.samples, responses, distances, index + PRE_ROLL, tail=_STEP)
-        recordings[name] = Recording.of(samples, found[-2][name])
-    return recordings
+        # The response from where the source is at the beginning of the second.
+        recordings[name] = Recording.of(_clip(job, responses, index, _STEP), responses[-2 if job.moves else 0])
+    head = recordings.pop(HEAD)
+    level = None if direct is None else _direct_level(job, direct, head, [one[HEAD] for one in found], index)
+    return HeardSource(head, recordings, level)
 
 
-def _direct_level(job: AcousticJob, path: DirectPath, head: Recording, index: int) -> float | None:
+def _clip(job: AcousticJob, responses: Sequence[NDArray[np.float32]], index: int, tail: int) -> Clip:
+    """A clip with its tail; a source that moves is heard from where it was when the sound left it.
+
+    Args:
+        job: of the source.
+        responses: from where it is at each of `AcousticJob.seconds`.
+        index: of the clip.
+        tail: samples of the next second.
+    """
+    if not job.moves:
+        return receiver_clip(job.samples, responses[0], index + PRE_ROLL, tail=tail)
+    listener = job.poses[index].position
+    distances = [math.dist(job.path[second].position, listener) for second in job.seconds(index)]
+    return moving_clip(job.samples, responses, distances, index + PRE_ROLL, tail=tail)
+
+
+def _direct_level(
+    job: AcousticJob, path: DirectPath, head: Recording, responses: Sequence[NDArray[np.float32]], index: int
+) -> float | None:
     """Level of the direct sound above that of the rest, dB; None if there is no direct sound."""
-    direct = path.of(head.response, job.poses[index])
-    if direct is None:
+    pose = job.poses[index]
+    places = [job.path[second].position for second in job.seconds(index)]
+    found = [path.at(place).of(one, pose) for place, one in zip(places, responses, strict=True)]
+    if all(one is None for one in found):
         return None
-    part: Clip = binaural_clip(job.samples, direct, index + PRE_ROLL)
-    return direct_to_reverberant(part, head.clip)
+    direct = [np.zeros((2, 1), dtype=np.float32) if one is None else one for one in found]
+    return direct_to_reverberant(_clip(job, direct, index, 0), head.clip)

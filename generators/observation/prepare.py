@@ -76,13 +76,12 @@ class PreparedObservation:
     @property
     def acoustic_jobs(self) -> tuple[AcousticJob, ...]:
         """The inputs of the acoustic simulation, one per source."""
-        scene = self.stage.acoustic_scene if self.sources else None
         return tuple(
             AcousticJob(
                 options=self.plan.options,
                 absorption_scale=self.plan.spec.acoustics.absorption_scale,
                 seed=self.plan.acoustic_seed,
-                scene=scene,
+                scene=self.stage.acoustic_scene_of(source.instance),
                 room=source.room,
                 samples=source.samples * np.float32(self.lowered),
                 poses=self.arrangement.poses,
@@ -91,7 +90,6 @@ class PreparedObservation:
                 measures_direct=self.rules.marked_while_audible,
             )
             for source in self.sources
-            if scene is not None
         )
 
 
@@ -127,7 +125,7 @@ def prepare_sources(
         rules=rules_of(plan.spec.part),
         arrangement=arrangement,
         sources=choose_sources(plan, home, arrangement),
-        stage=PlacedScene(home, arrangement.placements, arrangement.motion),
+        stage=PlacedScene(home, arrangement.placements, arrangement.motions),
         intrinsics=Intrinsics.from_fov(plan.camera.size, plan.camera.hfov),
         renderer=renderer,
         engine=engine,

@@ -22,6 +22,7 @@ from avs3d_bench.contract.schema import (
     InstanceRecord,
     IntrinsicsRecord,
     LicenceRecord,
+    MovedRecord,
     ObservationRecord,
     SoundRecord,
     SourceRecord,
@@ -39,7 +40,6 @@ from generators.library.licences import spdx
 from generators.observation.prepare import PreparedObservation
 from generators.observation.sources import SoundSource
 from generators.observation.stems import Clip
-from generators.paths.watcher import line_of_sight, point_in_sight
 from generators.placement.placement import Placement
 from generators.plan import ObservationPlan
 from generators.vision.top_view import TopView
@@ -77,7 +77,7 @@ def describe_observation(
         plan_sha256=plan.digest,
         notes=prepared.arrangement.notes,
         variant_of=spec.variant_of if named else spec.like,
-        source_motion="path" if prepared.stage.moves else None,
+        source_motion="path" if prepared.stage.moves and not named else None,
         source_position=first.position if first else None,
         sources=tuple(map(describe_source, prepared.sources)) if named else None,
         background=background,
@@ -157,8 +157,9 @@ def describe_frame(
     first = prepared.sources[0] if prepared.sources else None
     direction = direction_to(pose, first.position_at(index)) if first else None
     stage = prepared.stage
-    moving = stage.placement(first.instance, index) if stage.moves and first and first.instance else None
-    own = Pose.from_yaw(moving.position, moving.yaw) if moving else None
+    moved = {number: _pose_of(stage.placement(number, index)) for number in stage.moving}
+    named = prepared.rules.named_sources
+    own = moved.get(first.instance) if first and first.instance and not named else None
     return FrameRecord(
         name=layout.frame_name(index),
         time=index / layout.FRAME_RATE,
@@ -171,9 +172,10 @@ def describe_frame(
         line_of_sight=_is_in_sight(prepared, first, index) if first else None,
         rms_left=float(left),
         rms_right=float(right),
-        source_position=moving.source_position if moving else None,
+        source_position=first.position_at(index) if first and own else None,
         instance_position=own.position if own else None,
         instance_rotation=own.rotation if own else None,
+        moved=tuple(MovedRecord.of(number, pose) for number, pose in moved.items()) if named and moved else None,
         audible=tuple(audible) if prepared.rules.marked_while_audible else None,
     )
 
@@ -181,8 +183,8 @@ def describe_frame(
 def _is_in_sight(prepared: PreparedObservation, source: SoundSource, index: int) -> bool:
     stage, pose = prepared.stage, prepared.arrangement.poses[index]
     if source.instance is None:
-        return point_in_sight(stage.caster, pose, source.position)
-    return line_of_sight(stage.caster, pose, stage.placement(source.instance, index))
+        return stage.is_point_in_sight(pose, source.position, index)
+    return stage.is_in_sight(source.instance, pose, index)
 
 
 def describe_device(plan: ObservationPlan) -> DeviceRecord | None:
@@ -240,7 +242,7 @@ def describe_instances(prepared: PreparedObservation) -> tuple[InstanceRecord, .
 
 def _describe_instance(number: int, placement: Placement, sounding: bool) -> InstanceRecord:
     low, high = placement.bounds.tolist()
-    pose, licence = Pose.from_yaw(placement.position, placement.yaw), placement.model.licence
+    pose, licence = _pose_of(placement), placement.model.licence
     name = placement.model.name
     return InstanceRecord(
         id=number,
@@ -252,6 +254,10 @@ def _describe_instance(number: int, placement: Placement, sounding: bool) -> Ins
         asset=f"procedural:{name}" if licence.source == "procedural" else name,
         licence=describe_licence(licence),
     )
+
+
+def _pose_of(placement: Placement) -> Pose:
+    return Pose.from_yaw(placement.position, placement.yaw)
 
 
 def describe_licence(licence: Licence) -> LicenceRecord:

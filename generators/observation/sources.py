@@ -112,7 +112,8 @@ def choose_sources(plan: ObservationPlan, home: Scene, arrangement: Arrangement)
     Raises:
         Avs3dError: if a room does not exist or has no free floor, or a recording is missing or broken.
     """
-    placements, motion = arrangement.placements, arrangement.motion
+    placements = arrangement.placements
+    moving = {motion.index + 1: motion.seconds for motion in arrangement.motions}
     instances = draw_instances(plan, [placement.model.category for placement in placements])
     of_category: Counter[str] = Counter()
     of_room: Counter[str] = Counter()
@@ -128,8 +129,7 @@ def choose_sources(plan: ObservationPlan, home: Scene, arrangement: Arrangement)
             path = (_off_screen(plan, home, room, of_room[room]),)
         else:
             room = plan.spec.room
-            moves = motion is not None and motion.index == instance - 1
-            places = motion.seconds if motion and moves else (placements[instance - 1],)
+            places = moving.get(instance, (placements[instance - 1],))
             path = tuple(place.source_position for place in places)
             yaws = tuple(float(place.yaw) for place in places)
         seconds = float(plan.camera.frames)

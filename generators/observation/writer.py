@@ -163,14 +163,23 @@ class ObservationWriter:
         for name, data in colmap.encode_model(model).items():
             self._output.put(f"{layout.COLMAP}/{name}", data)
 
-    def add_sounding_mesh(self, *meshes: Mesh) -> None:
-        """Write ``gt_3d/sounding_object.ply``: the instances' meshes in world coordinates, equal corners welded."""
+    def add_sounding_mesh(self, meshes: Mapping[int, Mesh], *, named: bool = False) -> None:
+        """Write ``gt_3d/sounding_object.ply``: the instances' meshes in world coordinates, equal corners welded.
+
+        Args:
+            meshes: id of an instance → its mesh at time 0; the file is not written if there are none.
+            named: whether vertices name their instance, as readers need where something moves.
+        """
         name, out = layout.SOUNDING_OBJECT, self._output
         if not meshes or not out.keeps(name):
             return
-        corners = np.concatenate([mesh.positions.reshape(-1, 3) for mesh in meshes])
-        vertices, index = np.unique(corners, axis=0, return_inverse=True)
-        out.put(name, ply.encode_ply_mesh(out.where(name), vertices, index.reshape(-1, 3).astype(np.int32)))
+        corners = np.concatenate([mesh.positions.reshape(-1, 3) for mesh in meshes.values()]).astype(np.float64)
+        ids = np.repeat([*meshes], [3 * len(mesh.positions) for mesh in meshes.values()])
+        rows = np.column_stack([corners, ids]) if named else corners
+        found, index = np.unique(rows, axis=0, return_inverse=True)
+        faces = index.reshape(-1, 3).astype(np.int32)
+        instances = found[:, 3].astype(np.int32) if named else None
+        out.put(name, ply.encode_ply_mesh(out.where(name), found[:, :3], faces, instances=instances))
 
     def add_top_view(self, rgb: NDArray[np.uint8]) -> None:
         """Write ``top_view.png`` from (H, W, 3) RGB."""

@@ -1,8 +1,11 @@
-"""The path of a moving object: over the free floor, or to and fro on its worktop.
+"""The paths of moving objects: over the free floor, or to and fro on a worktop.
 
 An object on the floor moves forwards, with a limited speed and a limited rate of turn, wherever a disc around its
 footprint fits, so that it can turn anywhere. An object on a worktop, table or shelf slides along it without turning, as
 far as the surface is level and free, and slows down at the turning points. An object on a wall does not move.
+
+Paths are drawn one after another. Each keeps clear of those before it at every time: on a worktop it has a stretch of
+its own, and over the floor it waits for others.
 """
 
 from __future__ import annotations
@@ -21,9 +24,10 @@ from avs3d_bench.errors import Avs3dError
 from generators.assets.model import Model
 from generators.core.boxes import UprightBox, yaw_matrix
 from generators.core.curves import smooth
-from generators.core.freespace import SENSOR_HEIGHT, FreeSpace
+from generators.core.freespace import SENSOR_HEIGHT, FreeSpace, distance_to_polygon
 from generators.core.rays import RayCaster
 from generators.core.scene import Mesh
+from generators.paths.pacing import pace
 from generators.placement.fitting import ELBOW_ROOM, SKIN
 from generators.placement.placement import Placement
 from generators.placement.site import Site
@@ -43,13 +47,17 @@ OVER = 0.02
 LEAST_AREA = 0.10
 #: Number of paths that are drawn before the room counts as too small.
 _ATTEMPTS = 8
+#: Least share of its tour that an object covers while it lets others pass.
+LEAST_PROGRESS = 0.3
+#: Added to the distance between two moving objects (m), because both move between two checks.
+_SLACK = 0.05
 #: Spacing of the samples along a worktop, and their largest difference in height (m).
 _STEP, _LEVEL = 0.01, 0.002
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """The path of the moving object.
+    """The path of a moving object.
 
     Attributes:
         index: of the object among the placements.
@@ -112,31 +120,52 @@ def movable(model: Model) -> Model:
     return replace(model, mount="surface") if model.mount == "wall_or_surface" else model
 
 
-def plan_motion(site: Site, placements: Sequence[Placement], index: int, *, seconds: int, rng: Generator) -> Motion:
-    """Draw the path of one of ``placements`` for ``seconds`` seconds.
+def categories_of(motions: Sequence[Motion]) -> str:
+    """The categories of moving objects, for messages."""
+    return " or ".join(dict.fromkeys(motion.start.model.category for motion in motions))
+
+
+def plan_motions(
+    site: Site, placements: Sequence[Placement], indices: Sequence[int], *, seconds: int, rng: Generator
+) -> tuple[Motion, ...]:
+    """Draw the paths of some of ``placements`` for ``seconds`` seconds; they touch nothing and not one another.
 
     Args:
         site: the room without the placed objects.
-        placements: the placed objects. A floor path begins as near to the object's place as possible.
-        index: of the object that moves.
+        placements: the placed objects. A floor path begins near the object's place.
+        indices: of the objects that move.
         seconds: duration.
         rng: the only source of randomness.
 
+    Returns:
+        One motion per index, in the order of the indices.
+
     Raises:
-        Avs3dError: one line, if the object hangs on a wall or has no room to move.
+        Avs3dError: one line, if an object hangs on a wall or has no room to move.
     """
-    source = _upright(site, placements[index])
-    others = [placement.box.grown(ELBOW_ROOM) for number, placement in enumerate(placements) if number != index]
-    kind = source.support.kind
-    if kind == "wall":
-        raise Avs3dError(
-            f"{site.name}: source_motion: path needs an object that does not hang; this {source.model.category} "
-            f"({source.model.name}) hangs on the wall: choose another category or variant, or source_motion: static"
-        )
-    if kind == "floor":
-        positions, yaws = _over_floor(site, source, others, seconds, rng)
-    else:
-        positions, yaws = _along_top(site, source, others, seconds, rng)
+    moving = {index: _upright(site, placements[index]) for index in indices}
+    for source in moving.values():
+        if source.support.kind == "wall":
+            raise Avs3dError(
+                f"{site.name}: what moves must not hang; this {source.model.category} ({source.model.name}) "
+                "hangs on the wall: choose another category or variant, or let it stand still"
+            )
+    still = [placement.box.grown(ELBOW_ROOM) for number, placement in enumerate(placements) if number not in moving]
+    # On worktops first: they begin at their places, which those on the floor can keep clear of.
+    tops = {index: source for index, source in moving.items() if source.support.kind != "floor"}
+    found: dict[int, Motion] = {}
+    for index, source in tops.items():
+        beside = [other.box.grown(ELBOW_ROOM) for number, other in tops.items() if number not in (index, *found)]
+        swept = [place.box.grown(ELBOW_ROOM) for motion in found.values() for place in motion.seconds]
+        found[index] = _motion(index, source, *_along_top(site, source, [*still, *beside, *swept], seconds, rng))
+    for index, source in moving.items():
+        if index not in tops:
+            earlier = tuple(found.values())
+            found[index] = _motion(index, source, *_over_floor(site, source, still, earlier, seconds, rng))
+    return tuple(found[index] for index in indices)
+
+
+def _motion(index: int, source: Placement, positions: Array, yaws: Array) -> Motion:
     x, y, z = (float(c) for c in positions[0])
     return Motion(index, replace(source, position=(x, y, z), yaw=float(yaws[0])), positions, yaws)
 
@@ -152,7 +181,12 @@ def _upright(site: Site, source: Placement) -> Placement:
 
 
 def _over_floor(
-    site: Site, source: Placement, others: list[UprightBox], seconds: int, rng: Generator
+    site: Site,
+    source: Placement,
+    others: list[UprightBox],
+    earlier: Sequence[Motion],
+    seconds: int,
+    rng: Generator,
 ) -> tuple[Array, Array]:
     mesh = source.model.mesh
     low, high = mesh.bounds.astype(np.float64)
@@ -173,13 +207,46 @@ def _over_floor(
     views = _views(site, space, float(high[1]) / 2)
     for _ in range(_ATTEMPTS):
         plan, yaws = _tour(space, views, source, seconds, rng)
+        if earlier:
+            progress = _waiting(plan, earlier, radius + _SLACK)
+            if progress is None:
+                continue
+            samples = np.arange(len(plan))
+            plan = np.stack([np.interp(progress, samples, plan[:, k]) for k in range(2)], axis=1)
+            yaws = np.interp(progress, samples, yaws)
         heights = _heights(site, source, plan, yaws)
         if heights is None:
             continue
         positions = np.stack([plan[:, 0], heights, plan[:, 1]], axis=1)
-        if _is_clear(site, mesh, positions, yaws, others):
+        if _is_clear(site, mesh, positions, yaws, others, earlier):
             return positions, yaws
     raise failed
+
+
+def _waiting(plan: Array, earlier: Sequence[Motion], radius: float) -> Array | None:
+    """The progress of an object along its tour that lets others pass.
+
+    Args:
+        plan: (RATE·seconds + 1, 2) x and z along the tour, `RATE` a second where nothing is in the way.
+        earlier: the motions of the others.
+        radius: of the disc about the object that must stay free of them, metres.
+
+    Returns:
+        (RATE·seconds + 1,) the place on the tour at each sample, as an index; None if it would meet one of them or
+        only wait.
+    """
+    seconds = (len(plan) - 1) // RATE
+    free = np.array(
+        [
+            np.all([distance_to_polygon(plan, motion.outline(half / 2)) >= radius for motion in earlier], axis=0)
+            for half in range(2 * seconds + 1)
+        ]
+    )
+    # Never faster than where nothing is in the way, so that the limits of speed and turn hold.
+    steps = pace(free, np.ones(seconds), 1 / RATE, most=1.0, back=0.0)
+    if steps is None or steps[-1] - steps[0] < LEAST_PROGRESS * len(plan):
+        return None
+    return np.asarray(np.interp(np.arange(len(plan)) / RATE, np.arange(seconds + 1), steps))
 
 
 def _views(site: Site, space: FreeSpace, height: float) -> Array:
@@ -289,11 +356,20 @@ def _along_top(
     return positions, np.full(len(time), yaw)
 
 
-def _is_clear(site: Site, mesh: Mesh, positions: Array, yaws: Array, others: Sequence[UprightBox]) -> bool:
+def _is_clear(
+    site: Site,
+    mesh: Mesh,
+    positions: Array,
+    yaws: Array,
+    others: Sequence[UprightBox],
+    earlier: Sequence[Motion],
+) -> bool:
     """Whether the object touches nothing at any sample, except things low enough to move over."""
-    for position, yaw in zip(positions, yaws, strict=True):
+    for sample, (position, yaw) in enumerate(zip(positions, yaws, strict=True)):
         box = UprightBox.around(mesh, position, float(yaw))
         above = UprightBox(box.centre + (0, OVER / 2, 0), box.half - (0, OVER / 2, 0), box.yaw)
         if site.collides(above.grown(-SKIN)) or any(box.hits_box(other) for other in others):
+            return False
+        if any(box.hits_box(motion.at(sample / RATE).box.grown(ELBOW_ROOM)) for motion in earlier):
             return False
     return True

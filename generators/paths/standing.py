@@ -15,7 +15,7 @@ from numpy.random import Generator
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose
-from generators.paths.motion import Motion
+from generators.paths.motion import Motion, categories_of
 from generators.paths.tours import OBJECT_DISTANCE, distances
 
 #: Range of the rate at which an agent turns (degrees a second), to the left or to the right.
@@ -23,7 +23,7 @@ TURN_RATE = (3.0, 9.0)
 
 
 def stay(
-    poses: Sequence[Pose], rng: Generator, *, turns: bool, motion: Motion | None = None, name: str = "room"
+    poses: Sequence[Pose], rng: Generator, *, turns: bool, motions: Sequence[Motion] = (), name: str = "room"
 ) -> tuple[Pose, ...]:
     """Poses at one place of a walk, level, as many as the walk has.
 
@@ -31,21 +31,20 @@ def stay(
         poses: of the walk, one a second.
         rng: the only source of randomness.
         turns: whether the agent turns at an even rate (`TURN_RATE`); else it faces as it did there.
-        motion: of the object that moves, if one does: it must not come nearer than `OBJECT_DISTANCE`.
+        motions: of the objects that move: none of them may come nearer than `OBJECT_DISTANCE`.
         name: of the room, for the message.
 
     Raises:
-        Avs3dError: if the moving object comes near to every place of the walk.
+        Avs3dError: if a moving object comes near to every place of the walk.
     """
     for index in rng.permutation(len(poses)):
         start = poses[int(index)]
         track = np.tile(np.array(start.position)[[0, 2]], (len(poses), 1))
-        if motion is None or distances(track, motion).min() >= OBJECT_DISTANCE:
+        if not motions or distances(track, motions).min() >= OBJECT_DISTANCE:
             break
     else:
-        assert motion is not None
         raise Avs3dError(
-            f"{name}: the moving {motion.start.model.category} comes nearer than {OBJECT_DISTANCE} m to every place of "
+            f"{name}: the moving {categories_of(motions)} comes nearer than {OBJECT_DISTANCE} m to every place of "
             "the walk; choose a larger room, another seed, or agent: walking"
         )
     ahead = -start.rotation_matrix[:, 2]

@@ -61,11 +61,11 @@ class Tours:
         space: the floor to walk on, in one piece.
         watchers: one per candidate.
         frames: number of positions of a track.
-        motion: of the object that moves, if one does.
+        motions: of the objects that move.
     """
 
-    def __init__(self, space: FreeSpace, watchers: Sequence[Watcher], frames: int, motion: Motion | None) -> None:
-        self._space, self._frames, self._motion = space, frames, motion
+    def __init__(self, space: FreeSpace, watchers: Sequence[Watcher], frames: int, motions: Sequence[Motion]) -> None:
+        self._space, self._frames, self._motions = space, frames, motions
         self._pool = space.points[:: max(1, len(space.points) // _PLACES)]
         self._views = [[_PhaseScores.of(self._pool, w, phase) for phase in range(w.phases)] for w in watchers]
         # Walks in small rooms are slow; walks of few frames have longer steps.
@@ -76,9 +76,9 @@ class Tours:
         """(frames, 2) positions along a smooth walk past all candidates; None if it would hit a moving one."""
         line = self._waypoints(rng)
         path = smooth(self._space, np.concatenate(self._space.paths(line)) if len(line) > 1 else line)
-        if self._motion is None:
+        if not self._motions:
             return _in_time(self._space, path, self._length, self._frames, rng)
-        return _past(self._space, path, self._length, self._frames, self._motion, rng)
+        return _past(self._space, path, self._length, self._frames, self._motions, rng)
 
     def _waypoints(self, rng: Generator) -> Array:
         """(M, 2) waypoints; each is chosen for the candidate that is seen from the fewest waypoints so far."""
@@ -153,17 +153,21 @@ def spread_degrees(sight: Sight) -> float:
     return float(360.0 - np.max(np.diff(np.append(angles, angles[0] + 360.0))))
 
 
-def distances(track: Array, motion: Motion) -> Array:
-    """(8·(n − 1) + 1,) distances (m) between a walk (n, 2), one position per second, and a moving object, 8 per second.
+def distances(track: Array, motions: Sequence[Motion]) -> Array:
+    """(K, 8·(n − 1) + 1) distances (m) between a walk (n, 2), one position per second, and K moving objects.
 
-    Both positions are interpolated linearly; the distance is horizontal and measured to the footprint.
+    There are 8 per second. All positions are interpolated linearly; a distance is horizontal and measured to the
+    footprint.
     """
     seconds = np.arange(LOOKS * (len(track) - 1) + 1) / LOOKS
     walked = np.stack([np.interp(seconds, np.arange(len(track)), track[:, k]) for k in range(2)], axis=1)
     return np.array(
         [
-            distance_to_polygon(point[None], motion.outline(float(second)))[0]
-            for second, point in zip(seconds, walked, strict=True)
+            [
+                distance_to_polygon(point[None], motion.outline(float(second)))[0]
+                for second, point in zip(seconds, walked, strict=True)
+            ]
+            for motion in motions
         ]
     )
 
@@ -210,14 +214,18 @@ def _into(space: FreeSpace, path: Array, out: Array) -> Array:
     return out
 
 
-def _past(space: FreeSpace, path: Array, length: float, frames: int, motion: Motion, rng: Generator) -> Array | None:
-    """(frames, 2) positions along ``path`` that wait for a moving object; None if it cannot be avoided."""
+def _past(
+    space: FreeSpace, path: Array, length: float, frames: int, motions: Sequence[Motion], rng: Generator
+) -> Array | None:
+    """(frames, 2) positions along ``path`` that wait for moving objects; None if they cannot be avoided."""
     places = _into(space, path, resample(path, _PACE))
     spacing = float(arc_length(places)[-1]) / max(len(places) - 1, 1)
     wanted = _speeds(frames, rng) * length / max(frames - 1, 1)
     free = np.stack(
         [
-            distance_to_polygon(places, motion.outline(half / 2)) >= OBJECT_DISTANCE + _SLACK
+            np.all(
+                [distance_to_polygon(places, one.outline(half / 2)) >= OBJECT_DISTANCE + _SLACK for one in motions], 0
+            )
             for half in range(2 * frames - 1)
         ]
     )
@@ -225,4 +233,4 @@ def _past(space: FreeSpace, path: Array, length: float, frames: int, motion: Mot
     if steps is None:
         return None
     track = places[steps]
-    return track if distances(track, motion).min() >= OBJECT_DISTANCE else None
+    return track if distances(track, motions).min() >= OBJECT_DISTANCE else None

@@ -22,7 +22,7 @@ from generators.core.freespace import CELL, FreeSpace, Navigable
 from generators.core.rays import RayCaster
 from generators.paths import gaze
 from generators.paths.gaze import Sight, Views
-from generators.paths.motion import Motion
+from generators.paths.motion import Motion, categories_of
 from generators.paths.tours import (
     LOOKS,
     OBJECT_DISTANCE,
@@ -61,7 +61,7 @@ class WalkTask:
         frames: number of poses.
         height: of the sensor above the floor, metres.
         hfov: field of view of the (square) camera, degrees.
-        motion: of the object that moves, if one does; it lasts ``frames`` seconds.
+        motions: of the objects that move; they last ``frames`` seconds.
         navigable: tells which points on the floor a renderer's own navigation mesh contains; the walk stays within
             both this mesh and the measured free space.
         watched: indices of the placements for which the walk is planned; None: all of them. Any other value lets the
@@ -75,7 +75,7 @@ class WalkTask:
     frames: int = 120
     height: float = 1.5
     hfov: float = 90.0
-    motion: Motion | None = None
+    motions: Sequence[Motion] = ()
     navigable: Navigable | None = None
     watched: Sequence[int] | None = None
     alike: Sequence[Sequence[int]] = ()
@@ -110,12 +110,12 @@ def plan_walk(task: WalkTask, rng: Generator) -> Walk:
     Raises:
         Avs3dError: if nothing was placed, ``frames`` is less than 1, or the room is too small to walk in.
     """
-    name, placements, frames, motion = task.site.name, task.placements, task.frames, task.motion
+    name, placements, frames, motions = task.site.name, task.placements, task.frames, task.motions
     if not placements or frames < 1:
         raise Avs3dError(f"{name}: {len(placements)} objects and {frames} frames; expected at least one of each")
     space, caster = walkable(task)
     extent = math.tan(math.radians(task.hfov) / 2)
-    everyone = watchers(caster, placements, motion, frames=frames, eye=space.floor + task.height, extent=extent)
+    everyone = watchers(caster, placements, motions, frames=frames, eye=space.floor + task.height, extent=extent)
     chosen = everyone if task.watched is None else tuple(everyone[index] for index in task.watched)
     piece = best_piece(space, chosen, _LEAST_AREA)
     if piece is None:
@@ -123,18 +123,17 @@ def plan_walk(task: WalkTask, rng: Generator) -> Walk:
             f"{name}: no room to walk: {space.area:.2f} m² of free floor for an agent {2 * space.radius:.1f} m wide;"
             " place fewer objects or choose another room"
         )
-    tours = Tours(piece, chosen, frames, motion)
-    best = _search(_Alike(tours, task, space.floor) if task.alike else tours, chosen, rng, moving=motion is not None)
+    tours = Tours(piece, chosen, frames, motions)
+    best = _search(_Alike(tours, task, space.floor) if task.alike else tours, chosen, rng, moving=bool(motions))
     if best is None:
-        assert motion is not None
         raise Avs3dError(
             f"{name}: no walk of {frames} frames keeps {OBJECT_DISTANCE} m away from the moving "
-            f"{motion.start.model.category}; choose a larger room, fewer objects or a smaller model"
+            f"{categories_of(motions)}; choose a larger room, fewer objects or a smaller model"
         )
     eyes, yaw, pitch = best
     poses = tuple(Pose.from_yaw(p, float(y), float(t)) for p, y, t in zip(eyes, yaw, pitch, strict=True))
     check_poses(poses, piece, name)
-    if motion is not None:
+    for motion in motions:
         check_distance(poses, motion, name)
     sights = [watcher.sight(eyes[:, [0, 2]]) for watcher in everyone]
     report = WalkReport.of(sights, yaw, pitch, piece)
@@ -144,8 +143,8 @@ def plan_walk(task: WalkTask, rng: Generator) -> Walk:
 
 def walkable(task: WalkTask) -> tuple[FreeSpace, RayCaster]:
     """The floor on which the agent may walk, and a ray caster of the room with all objects that do not move."""
-    site, motion = task.site, task.motion
-    standing = [p for index, p in enumerate(task.placements) if motion is None or index != motion.index]
+    site, moving = task.site, {motion.index for motion in task.motions}
+    standing = [p for index, p in enumerate(task.placements) if index not in moving]
     triangles = np.concatenate([site.triangles, *(p.mesh.positions for p in standing)])
     caster = RayCaster(triangles)
     space = FreeSpace.of(site.scene, site.room.name, triangles=triangles, caster=caster, height=task.height)
@@ -174,7 +173,7 @@ class _Alike:
 def _search(
     tours: Tours | _Alike, chosen: Sequence[Watcher], rng: Generator, *, moving: bool
 ) -> tuple[Array, Array, Array] | None:
-    """The eyes (n, 3), yaw and pitch (n,) of the best of many walks; None if all hit the moving object."""
+    """The eyes (n, 3), yaw and pitch (n,) of the best of many walks; None if all hit a moving object."""
     best: tuple[float, Array, Array, Array] | None = None
     found = 0
     for _ in range(_TRIES if moving else _TOURS):
@@ -226,7 +225,7 @@ def check_distance(poses: Sequence[Pose], motion: Motion, name: str) -> None:
     Raises:
         Avs3dError: naming the first time at which the distance is too small.
     """
-    distance = distances(np.array([pose.position for pose in poses])[:, [0, 2]], motion)
+    (distance,) = distances(np.array([pose.position for pose in poses])[:, [0, 2]], [motion])
     near = np.flatnonzero(distance < OBJECT_DISTANCE)
     if len(near):
         raise Avs3dError(

@@ -29,16 +29,17 @@ FAR = 3.0
 def watchers(
     caster: RayCaster,
     placements: Sequence[Placement],
-    motion: Motion | None,
+    motions: Sequence[Motion],
     *,
     frames: int,
     eye: float,
     extent: float,
 ) -> tuple[Watcher, ...]:
     """One watcher for each of ``placements``, in their order; see `StillWatcher` and `MovingWatcher`."""
+    moving = {motion.index: motion for motion in motions}
     return tuple(
-        MovingWatcher(caster, motion, frames, eye, extent)
-        if motion is not None and motion.index == index
+        MovingWatcher(caster, moving[index], frames, eye, extent)
+        if index in moving
         else StillWatcher(caster, placement, eye, extent)
         for index, placement in enumerate(placements)
     )

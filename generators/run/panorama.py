@@ -41,7 +41,7 @@ def render_faces(request: FaceRequest) -> Faces:
         plan = stored_plan(source, dataset[request.key], record, request.hrtf)
     backend = vision_backend(plan.options.renderer, plan.options.device)
     home, arrangement = arranged(plan, default_cache(), backend)
-    stage = PlacedScene(home, arrangement.placements, arrangement.motion)
+    stage = PlacedScene(home, arrangement.placements, arrangement.motions)
     renderer = Renderer(stage, backend, room=plan.spec.room)
 
     @lru_cache(maxsize=4)

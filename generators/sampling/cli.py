@@ -85,7 +85,7 @@ def manifest() -> None:
     "purpose",
     type=click.Choice(list(PURPOSES)),
     default=None,
-    help="seld: minutes with several events or a moving one, an agent that stands, turns or walks (`export seld`).",
+    help="seld: minutes with several events, some moving at once; the agent stands, turns or walks (`export seld`).",
 )
 @click.option(
     "--groups",

@@ -18,7 +18,7 @@ from numpy.random import Generator
 from generators.manifest.schema import Twins
 from generators.sampling.rooms import MOST
 from generators.sampling.siblings import GROUP, Sibling, Source, siblings
-from generators.sampling.soundscapes import AGENTS, MOVING, SCENE_SHARES, soundscape
+from generators.sampling.soundscapes import AGENTS, MOVING, MOVING_BESIDE, OVER_FLOOR, SCENE_SHARES, soundscape
 
 #: Shares of the parts in the observations. A group of part_3 has six observations with the same pictures, so that the
 #: three parts have about as many pictures each.
@@ -123,7 +123,10 @@ class Composition:
         in_turn: whether every second group has a background; else that is drawn.
         shares: part → its share of the observations.
         agents: what the agent does, in every home one as often as the other; the manifest's default if there are none.
-        moving: room → the categories of part_1 that sound there, and move; nothing moves if there are none.
+        moving: room → the categories that sound there, and move: one object in part_1, in part_3 several at once;
+            nothing moves if there are none.
+        moving_beside: room → the distractors that move with those of part_3.
+        over_floor: rooms in which those of part_3 move over the floor; they do where the agent walks.
     """
 
     siblings: Callable[[str, dict[str, int], int, int, Generator, str | None], list[Sibling]]
@@ -138,6 +141,8 @@ class Composition:
     shares: Mapping[str, int] = field(default_factory=lambda: SHARES)
     agents: tuple[str, ...] = ()
     moving: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    moving_beside: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    over_floor: tuple[str, ...] = ()
 
 
 COMPOSITIONS = {
@@ -153,6 +158,14 @@ COMPOSITIONS = {
         in_turn=True,
     ),
     "seld": Composition(
-        soundscape, 1, single_share=0.5, least_beside=1, shares=SCENE_SHARES, agents=AGENTS, moving=MOVING
+        soundscape,
+        1,
+        single_share=0.5,
+        least_beside=1,
+        shares=SCENE_SHARES,
+        agents=AGENTS,
+        moving=MOVING,
+        moving_beside=MOVING_BESIDE,
+        over_floor=OVER_FLOOR,
     ),
 }

@@ -275,15 +275,6 @@ class _Drawer:
 
     def _fill(self, where: dict[str, Any], size: int, number: int, rng: Generator) -> SampledGroup:
         part, room = where["part"], where["room"]
-        moving = self._composition.moving.get(room, ()) if part == "part_1" else ()
-        known = list(moving or MOST[room])
-        focus = _rarest(known, [self._focus[name] for name in known], rng)
-        self._focus[focus] += size
-        single = part == "part_1" or (part == "part_3" and rng.uniform() < self._composition.single_share)
-        numbers = [1] if single else list(range(2, MOST[room][focus] + 1))
-        count = _rarest(numbers, [self._focus[focus, n] for n in numbers], rng)
-        self._focus[focus, count] += 1
-        beside = self._beside(room, focus, single, rng)
         agents = self._composition.agents
         if agents:
             home = where["scan"]
@@ -292,14 +283,39 @@ class _Drawer:
             self._focus["agent", home, one] += 1
             self._focus["agent", one] += 1
             where = where | {"agent": one}
+        moving = self._moving(part, room, where.get("agent", ""))
+        known = list(moving or MOST[room])
+        focus = _rarest(known, [self._focus[name] for name in known], rng)
+        self._focus[focus] += size
+        # Several move where a category that moves has twins.
+        single = part == "part_1" or (
+            part == "part_3" and not moving and rng.uniform() < self._composition.single_share
+        )
+        # A third one that moves seldom finds room.
+        most = 2 if moving else MOST[room][focus]
+        numbers = [1] if single else list(range(2, most + 1))
+        count = _rarest(numbers, [self._focus[focus, n] for n in numbers], rng)
+        self._focus[focus, count] += 1
+        beside = self._beside(room, focus, single, rng)
         if part == "part_3":
-            return self._group(where, {focus: count} | dict.fromkeys(beside, 1), size, number, rng)
+            instances = {focus: count} | dict.fromkeys(beside, 1)
+            if moving:
+                also = self._composition.moving_beside.get(room, ())
+                where = where | {"moving": [name for name in instances if name in (*moving, *also)]}
+            return self._group(where, instances, size, number, rng)
         entry = where | {"category": focus} | ({"source_motion": "path"} if moving else {})
         if part == "part_2":
             entry["instances"] = count
         if beside:
             entry["silent"] = beside
         return SampledGroup((entry,), ("one object",))
+
+    def _moving(self, part: str, room: str, agent: str) -> tuple[str, ...]:
+        """The categories that sound and move in a unit."""
+        # Several that go about the floor leave no place to an agent that stays.
+        if part == "part_2" or (part == "part_3" and room in self._composition.over_floor and agent != "walking"):
+            return ()
+        return self._composition.moving.get(room, ())
 
     def _beside(self, room: str, focus: str, single: bool, rng: Generator) -> list[str]:
         """Categories of the other objects: those that are rarest beside others come first."""

@@ -1,9 +1,11 @@
 """Scenes for sound event localisation and detection: `avs3d manifest sample --for seld`.
 
-Each observation has pictures and sounds of its own, is a minute long, and has several events. Half of them are of
+Each observation has pictures and sounds of its own, is a minute long, and has several events. Three of four are of
 part_3: every object of the room sounds now and then, by itself or with others, and in a third of them something is
-heard from another room as well, which is no event (an *interferer*). The other half are of part_1: an object that moves
-sounds all the time. In every home the agent stands, turns slowly or walks, each as often as the others.
+heard from another room as well, which is no event (an *interferer*). In kitchens, and in living rooms where the agent
+walks, several sources move at once, and silent distractors with them; others stand still. The rest are of part_1: an
+object that moves sounds all the time. In every home the agent stands, turns slowly or walks, each as often as the
+others.
 """
 
 from __future__ import annotations
@@ -16,11 +18,15 @@ from generators.sampling.siblings import Sibling, Source
 #: Length of a scene (s).
 SCENE_SECONDS = 60
 #: Parts of such a manifest, and their shares.
-SCENE_SHARES = {"part_1": 1, "part_3": 1}
+SCENE_SHARES = {"part_1": 1, "part_3": 3}
 #: What the agent does.
 AGENTS = ("standing", "turning", "walking")
 #: Room → what moves there: over the floor, or along a worktop. Bathrooms have too little floor.
 MOVING = {"kitchen": ("coffee_machine", "microwave"), "living_room": ("vacuum_cleaner",)}
+#: Room → the distractors that move where several sources do: they are silent, so that moving is not sounding.
+MOVING_BESIDE = {"kitchen": ("kettle", "radio"), "living_room": ("radio",)}
+#: Rooms in which several move over the floor, and only where the agent walks.
+OVER_FLOOR = ("living_room",)
 #: Lengths of events and of the pauses between them (s).
 EVENTS, PAUSES = (2, 8), (2, 10)
 #: One in so many scenes has an interferer.

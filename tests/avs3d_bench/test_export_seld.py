@@ -18,7 +18,7 @@ from click.testing import CliRunner
 
 from avs3d_bench import cli
 from avs3d_bench.contract import layout
-from avs3d_bench.contract.schema import FrameRecord, ObservationRecord
+from avs3d_bench.contract.schema import MovedRecord, ObservationRecord
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports.cli import export
@@ -146,20 +146,42 @@ def head_of(record: ObservationRecord, *, turns: bool = True) -> TurningHead:
     return TurningHead((still,) * len(record.frames), turns)
 
 
-def test_a_moving_source_goes_in_a_straight_line_and_its_last_second_is_left_out(root: Path) -> None:
-    record = Dataset(root)[tiny_scenes.FIRST].record
+def test_moving_sources_go_in_straight_lines_and_their_last_second_is_left_out(root: Path) -> None:
+    """Two at once: one goes to the right ahead of the listener, the other ahead on the right."""
+    record = Dataset(root)[tiny_scenes.BOTH].record
     assert record is not None
-    at_rest = moved(record, (0.0, 1.5, -2.0))
-    frames: tuple[FrameRecord, ...] = tuple(
-        one.model_copy(update={"source_position": (0.4 * number, 1.5, -2.0)})
-        for number, one in enumerate(at_rest.frames)
+    places, steps = ((0.0, 1.5, -2.0), (2.0, 1.5, 0.0)), ((0.4, 0.0, 0.0), (0.0, 0.0, -0.2))
+    at_rest = moved(record, places[0])
+    sources = tuple(
+        one.model_copy(update={"position": place})
+        for one, place in zip(at_rest.sound_sources, (*places, at_rest.sound_sources[2].position), strict=True)
     )
-    moving = at_rest.model_copy(update={"frames": frames, "source_motion": "path"})
+    frames = [
+        one.model_copy(update={"moved": ways_of(at_rest, steps, number)}) for number, one in enumerate(at_rest.frames)
+    ]
+    moving = at_rest.model_copy(update={"sources": sources, "frames": tuple(frames)})
     events = events_of(moving, record.class_ids, head_of(record))
-    assert len(events) == 10 * (FRAMES - 1)
+    assert max(event.frame for event in events) == 10 * (FRAMES - 1) - 1
     for event in events:
-        sideways = 0.4 * (event.frame + 0.5) / 10
-        assert np.tan(np.radians(-event.azimuth)) == pytest.approx(sideways / 2)
+        way = (event.frame + 0.5) / 10
+        if event.source == 0:
+            assert np.tan(np.radians(-event.azimuth)) == pytest.approx(0.4 * way / 2)
+        if event.source == 1:
+            assert np.tan(np.radians(90 + event.azimuth)) == pytest.approx(0.2 * way / 2)
+    assert {event.source for event in events} == {0, 1, 2}
+
+
+def ways_of(
+    record: ObservationRecord, steps: tuple[tuple[float, float, float], ...], number: int
+) -> tuple[MovedRecord, ...]:
+    """Where the instances of the first sources are after a number of steps."""
+    ways = []
+    for source, step in zip(record.sound_sources, steps, strict=False):
+        assert source.instance is not None
+        own = record.instance(source.instance)
+        x, y, z = (np.asarray(own.position) + np.multiply(number, step)).tolist()
+        ways.append(MovedRecord(instance=own.id, position=(x, y, z), rotation=own.rotation))
+    return tuple(sorted(ways, key=lambda one: one.instance))
 
 
 def test_the_engine_is_heard_from_where_the_labels_say(tmp_path: Path, root: Path) -> None:

@@ -222,7 +222,7 @@ def test_the_ceiling_is_apart(root: Path) -> None:
 def test_without_depth_and_without_records(tmp_path: Path) -> None:
     scene = read_scene(Dataset(write_release(tmp_path, frames=3, size=48))[MULTI])
     assert (scene.dense, scene.mesh, scene.instances, scene.category) == (None, None, (), None)
-    assert [moment.source for moment in scene.frames] == [None] * 3
+    assert [moment.sources for moment in scene.frames] == [{}] * 3
     assert scene.vertical_fov == pytest.approx(math.pi / 2)
     assert scene.frames[1].caption == "frame_001 · train"
 
@@ -241,14 +241,14 @@ def test_a_moving_object_is_where_the_record_says(root: Path, tmp_path: Path) ->
     edit_record(moving, SINGLE, change)
     observation = Dataset(moving)[SINGLE]
     scene = read_scene(observation)
-    assert scene.moves
+    (number,) = scene.moving
     assert scene.mesh is not None
     for frame, moment in zip(observation.frames, scene.frames, strict=True):
-        shown = scene.mesh.vertices @ moment.moved.rotation_matrix.T + np.array(moment.moved.position)
+        moved = moment.moved[number]
+        shown = scene.mesh.vertices @ moved.rotation_matrix.T + np.array(moved.position)
         assert shown == pytest.approx(frame.mesh().vertices, abs=1e-5)
-        assert moment.source == pytest.approx((0.1 * moment.frame.index, 1.0, -2.0))
-    standing = read_scene(Dataset(root)[SINGLE]).frames[3].moved
-    assert standing == Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+        assert moment.sources["source_1"] == pytest.approx((0.1 * moment.frame.index, 1.0, -2.0))
+    assert read_scene(Dataset(root)[SINGLE]).frames[3].moved == {}
 
 
 def test_moved_from_is_now_after_undoing_first() -> None:

@@ -144,7 +144,7 @@ def test_a_source_faces_where_its_object_does(tmp_path: Path):
 
     plan = plan_of(tmp_path, [{"category": "clock"}], directivity="auto")
     arrangement: Any = SimpleNamespace(
-        placements=[placed("microwave", 0.3), placed("microwave", 0.4), placed("clock", 2.0)], motion=None
+        placements=[placed("microwave", 0.3), placed("microwave", 0.4), placed("clock", 2.0)], motions=()
     )
     (source,) = choose_sources(plan, cast(Any, None), arrangement)
     (pose,) = source.poses
@@ -152,7 +152,7 @@ def test_a_source_faces_where_its_object_does(tmp_path: Path):
     assert pose.rotation_matrix @ [0, 0, 1] == pytest.approx(yaw_matrix(2.0) @ [0, 0, 1])
     moving = plan_of(tmp_path, directivity="auto")
     seconds = [placed("microwave", yaw, x) for yaw, x in ((0.0, 1.0), (0.5, 1.2), (1.0, 1.4))]
-    arrangement = SimpleNamespace(placements=seconds[:1], motion=SimpleNamespace(index=0, seconds=seconds))
+    arrangement = SimpleNamespace(placements=seconds[:1], motions=[SimpleNamespace(index=0, seconds=seconds)])
     (source,) = choose_sources(moving, cast(Any, None), arrangement)
     assert source.poses == tuple(Pose.from_yaw(one.source_position, one.yaw) for one in seconds)
     job = AcousticJob(

@@ -30,7 +30,7 @@ from generators.acoustics.clips import binaural_clip, delayed, moving_clip
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.cli import generate
 from generators.core.scene import Texture
-from generators.paths.motion import FLOOR_SPEED, RATE, TOP_SPEED, TURN_RATE, Motion, movable, plan_motion
+from generators.paths.motion import FLOOR_SPEED, RATE, TOP_SPEED, TURN_RATE, Motion, movable, plan_motions
 from generators.paths.pacing import pace
 from generators.paths.tours import OBJECT_DISTANCE, distances
 from generators.paths.trajectory import MOST_STEP, MOST_TURN, WalkTask, plan_walk
@@ -52,7 +52,7 @@ def moved(room: str, category: str, count: int = 1) -> tuple[Toy, tuple[Placemen
     toy = {"kitchen": kitchen, "living_room": living_room}[room]()
     model = movable(box_model(category))
     placed = place(Site.of(toy.scene, room), [model] * count, rng=np.random.default_rng(1))
-    motion = plan_motion(Site.of(toy.scene, room), placed, 0, seconds=SECONDS, rng=np.random.default_rng(2))
+    (motion,) = plan_motions(Site.of(toy.scene, room), placed, [0], seconds=SECONDS, rng=np.random.default_rng(2))
     return toy, placed, motion
 
 
@@ -108,10 +108,10 @@ def test_on_a_worktop_it_slides_to_and_fro_without_turning() -> None:
 def test_a_path_is_the_same_for_the_same_seed_and_another_for_another() -> None:
     toy, placed, motion = moved("living_room", "vacuum_cleaner")
     site = Site.of(toy.scene, "living_room")
-    again = plan_motion(site, placed, 0, seconds=SECONDS, rng=np.random.default_rng(2))
+    (again,) = plan_motions(site, placed, [0], seconds=SECONDS, rng=np.random.default_rng(2))
     assert (again.positions == motion.positions).all()
     assert (again.yaws == motion.yaws).all()
-    other = plan_motion(site, placed, 0, seconds=SECONDS, rng=np.random.default_rng(3))
+    (other,) = plan_motions(site, placed, [0], seconds=SECONDS, rng=np.random.default_rng(3))
     assert not (other.positions == motion.positions).all()
 
 
@@ -119,7 +119,7 @@ def test_what_hangs_on_a_wall_is_refused_and_what_may_stand_is_stood() -> None:
     toy = living_room()
     hung = place(Site.of(toy.scene, "living_room"), [box_model("clock", "wall")], rng=np.random.default_rng(1))
     with pytest.raises(Avs3dError, match=r"clock .* hangs on the wall: choose another"):
-        plan_motion(Site.of(toy.scene, "living_room"), hung, 0, seconds=5, rng=np.random.default_rng(0))
+        plan_motions(Site.of(toy.scene, "living_room"), hung, [0], seconds=5, rng=np.random.default_rng(0))
     assert movable(box_model("clock", "wall_or_surface")).mount == "surface"
     assert movable(box_model("clock", "wall")).mount == "wall"
 
@@ -131,7 +131,7 @@ def test_a_room_without_room_is_refused_in_one_line() -> None:
         for z in np.arange(0.3, 4.5, 0.5):
             toy.add((x, 0, z), (x + 0.05, 1.0, z + 0.05))
     with pytest.raises(Avs3dError, match=r"no room for the vacuum_cleaner .* to move") as caught:
-        plan_motion(Site.of(toy.scene, "living_room"), placed, 0, seconds=5, rng=np.random.default_rng(0))
+        plan_motions(Site.of(toy.scene, "living_room"), placed, [0], seconds=5, rng=np.random.default_rng(0))
     assert "\n" not in str(caught.value)
 
 
@@ -140,10 +140,10 @@ def test_a_room_without_room_is_refused_in_one_line() -> None:
 def test_the_agent_keeps_its_distance_at_every_time(room: str, category: str, count: int) -> None:
     toy, placed, motion = moved(room, category, count)
     poses = plan_walk(
-        WalkTask(Site.of(toy.scene, room), placed, frames=SECONDS, motion=motion), np.random.default_rng(3)
+        WalkTask(Site.of(toy.scene, room), placed, frames=SECONDS, motions=[motion]), np.random.default_rng(3)
     ).poses
     ground = np.array([pose.position for pose in poses])[:, [0, 2]]
-    assert distances(ground, motion).min() >= OBJECT_DISTANCE
+    assert distances(ground, [motion]).min() >= OBJECT_DISTANCE
     for index, pose in enumerate(poses):
         x, _, z = pose.position
         body = Polygon(motion.seconds[index].box.footprint)

@@ -262,12 +262,15 @@ def test_the_same_object_gives_the_same_bytes(scan: Scene) -> None:
 def test_the_shadow_moves_with_the_object(scan: Scene) -> None:
     places = [PLACE, (2.4, 0.0, 1.7)]
     boxes = [UprightBox((x, y + 0.15, z), (0.3, 0.3, 0.3), 0.0) for x, y, z in places]
-    light = MovingLight(scan, block((0.0, -0.15, 0.0)).mesh, boxes)
+    mesh = block((0.0, -0.15, 0.0)).mesh
+    light = MovingLight(scan, [mesh], [boxes])
     beside = np.float32([[x - 0.19, 0.03, z] for x, _, z in places])
     for here, there, place in ((0, 1, places[0]), (1, 0, places[1])):
-        factor = shadow_on_scan(light.at(block(place)), beside)[0].mean(axis=1)
+        factor = shadow_on_scan(light.at((block(place),)), beside)[0].mean(axis=1)
         assert factor[here] < 0.75
         assert factor[there] > 0.9
+    both = MovingLight(scan, [mesh, mesh], [boxes, boxes]).at((block(places[0]), block(places[1])))
+    assert (shadow_on_scan(both, beside)[0].mean(axis=1) < 0.75).all()
 
 
 @pytest.mark.slow

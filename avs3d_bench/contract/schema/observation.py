@@ -72,7 +72,7 @@ class TopViewRecord(Record):
 class InstanceRecord(Record):
     """One placed object. Its id is its pixel value in `instance_masks/`, where 0 is the home.
 
-    For a moving object, ``position``, ``rotation`` and ``bounds`` are those at the first frame.
+    For a moving object, ``position``, ``rotation`` and ``bounds`` are those at the first frame; `frames` have the rest.
     """
 
     id: Annotated[int, Field(ge=1, le=65535)]
@@ -310,18 +310,38 @@ class DeviceRecord(Record):
     version: Text = Field(description="of the software that drives it, with the kind of device; the bytes depend on it")
 
 
+class MovedRecord(Record):
+    """The place of a moving instance at the time of a frame."""
+
+    instance: Annotated[int, Field(ge=1, le=65535)]
+    position: Vector3 = Field(description="origin of the model in the world, metres")
+    rotation: Quaternion = Field(description="model-to-world (w, x, y, z)")
+
+    @classmethod
+    def of(cls, instance: int, pose: Pose) -> Self:
+        """The record of an instance at a pose."""
+        return cls(instance=instance, position=pose.position, rotation=pose.rotation)
+
+    @property
+    def pose(self) -> Pose:
+        """Its model-to-world pose."""
+        return Pose(self.position, self.rotation)
+
+
 class FrameRecord(Record):
     """One frame: the pose of the agent's sensor, and the visibility and direction of the source.
 
     If the sounding object moves, ``source_position``, ``instance_position`` and ``instance_rotation`` are its position
     and rotation at ``time``; otherwise all three are absent, and those of the observation are valid for every frame.
 
-    In part_3, ``audible`` lists the audible sources; ``azimuth``, ``elevation``, ``distance`` and ``line_of_sight`` are
-    those of the first source of the observation, and null where it has none.
+    In part_3, ``moved`` lists all objects that move, whether they sound or not, and is absent if none does; a source is
+    carried by its instance (`ObservationRecord.source_at`). ``audible`` lists the audible sources; ``azimuth``,
+    ``elevation``, ``distance`` and ``line_of_sight`` are those of the first source of the observation, and null where
+    it has none.
     """
 
     moving: ClassVar[frozenset[str]] = frozenset({"source_position", "instance_position", "instance_rotation"})
-    left_out: ClassVar[frozenset[str]] = moving | {"audible"}
+    left_out: ClassVar[frozenset[str]] = moving | {"moved", "audible"}
 
     name: FrameName
     time: NonNegative = Field(description="seconds from the start; the clip covers [time, time + 1)")
@@ -347,6 +367,10 @@ class FrameRecord(Record):
     instance_rotation: Quaternion | None = Field(
         default=None, description="model-to-world (w, x, y, z) of the sounding instance at this time; only if it moves"
     )
+    moved: Annotated[tuple[MovedRecord, ...], Field(min_length=1)] | None = Field(
+        default=None,
+        description="the objects that move, in the order of their ids; only in part_3; absent if none does",
+    )
     audible: tuple[AudibleRecord, ...] | None = Field(
         default=None, description="the audible sources in the order of their ids; only in part_3"
     )
@@ -357,13 +381,6 @@ class FrameRecord(Record):
     def pose(self) -> Pose:
         """The sensor's camera-to-world pose."""
         return Pose(self.position, self.rotation)
-
-    @property
-    def instance_pose(self) -> Pose | None:
-        """The sounding instance's model-to-world pose at this time; None if it does not move."""
-        if self.instance_position is None or self.instance_rotation is None:
-            return None
-        return Pose(self.instance_position, self.instance_rotation)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -536,27 +553,93 @@ class ObservationRecord(Record):
 
     @property
     def moves(self) -> bool:
-        """Whether the sounding object moves."""
-        return self.source_motion is not None
+        """Whether any object moves."""
+        return bool(self.moving_instances)
 
-    def source_at(self, frame: FrameRecord) -> Vector3:
-        """Position of the source in the world at the time of ``frame``, metres; in part_3 of the first source.
+    @property
+    def moving_instances(self) -> tuple[int, ...]:
+        """Ids of the instances that move, sorted: in part_1 and part_2 of the one that sounds at most."""
+        if self.is_part_3:
+            return tuple(one.instance for one in self.frames[0].moved or ())
+        return () if self.source_motion is None else (self.sounding.id,)
+
+    def source_moves(self, source: SourceRecord) -> bool:
+        """Whether the instance of one of `sound_sources` moves."""
+        return source.instance in self.moving_instances
+
+    def instance(self, number: int) -> InstanceRecord:
+        """The instance of that id.
+
+        Raises:
+            Avs3dError: if there is none.
+        """
+        for instance in self.instances:
+            if instance.id == number:
+                return instance
+        raise Avs3dError(f"{self.key}: no instance {number}; it has {len(self.instances)}")
+
+    def pose_at(self, frame: FrameRecord, number: int) -> Pose:
+        """The model-to-world pose of an instance at the time of ``frame``.
+
+        Raises:
+            Avs3dError: if there is no instance of that id.
+        """
+        for moved in frame.moved or ():
+            if moved.instance == number:
+                return moved.pose
+        own = self.instance(number)
+        if frame.instance_position is not None and frame.instance_rotation is not None and own.sounding:
+            return Pose(frame.instance_position, frame.instance_rotation)
+        return Pose(own.position, own.rotation)
+
+    def source_at(self, frame: FrameRecord, source: SourceRecord | None = None) -> Vector3:
+        """Position of a source in the world at the time of ``frame``, metres.
+
+        Args:
+            frame: one of the observation's.
+            source: one of `sound_sources`; None: the first.
 
         Raises:
             Avs3dError: if there is no source.
         """
-        position = frame.source_position or self.source_position
-        if position is None:
+        if frame.source_position is not None:
+            return frame.source_position
+        if source is None and self.source_position is None:
             raise Avs3dError(f"{self.key}: there is no source, so that it has no position")
-        return position
+        chosen = source or self.sound_sources[0]
+        if chosen.instance is None or not self.source_moves(chosen):
+            return chosen.position
+        x, y, z = self.to_frame(frame, [chosen.position], chosen.instance)[0].tolist()
+        return x, y, z
 
-    def to_frame(self, frame: FrameRecord, points: ArrayLike) -> NDArray[np.float64]:
-        """Points (N, 3) of the sounding instance at the first frame, as in `gt_3d`, moved to the time of ``frame``."""
-        first, now = Pose(self.sounding.position, self.sounding.rotation), frame.instance_pose
-        if now is None:
-            return np.asarray(points, dtype=np.float64)
-        local = first.to_camera(points)
-        return now.to_world(local)
+    def to_frame(
+        self, frame: FrameRecord, points: ArrayLike, instances: int | NDArray[np.integer] | None = None
+    ) -> NDArray[np.float64]:
+        """Points of instances at the first frame, as in `gt_3d`, moved to the time of ``frame``.
+
+        Args:
+            frame: one of the observation's.
+            points: (N, 3) metres, world.
+            instances: id of the instance that the points are of, or (N,) that of each; None: the only one that sounds.
+
+        Returns:
+            (N, 3) metres, world.
+
+        Raises:
+            Avs3dError: if there is no instance of an id, or several sound and none is named.
+        """
+        found = np.array(points, dtype=np.float64)
+        each = np.broadcast_to(self.sounding.id if instances is None else instances, found.shape[:1])
+        for number in self.moving_instances:
+            own, start = each == number, self.instance(number)
+            local = Pose(start.position, start.rotation).to_camera(found[own])
+            found[own] = self.pose_at(frame, number).to_world(local)
+        return found
+
+    def middle_at(self, frame: FrameRecord, instance: InstanceRecord) -> Vector3:
+        """The middle of the bounds of an instance, moved to the time of ``frame``; metres, world."""
+        x, y, z = self.to_frame(frame, [np.mean(instance.bounds, axis=0)], instance.id)[0].tolist()
+        return x, y, z
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -578,11 +661,21 @@ class ObservationRecord(Record):
             raise ValueError("frame times do not increase")
         if self.sizes is not None and self.sizes.keys() != self.files.keys():
             raise ValueError("sizes and files do not name the same files")
-        for frame in self.frames:
-            if (frame.source_position is not None) != self.moves:
-                found = "missing, but source_motion is path" if self.moves else "given, but source_motion is not"
-                raise ValueError(f"{frame.name}: source_position is {found}")
+        self._check_motion()
         return self
+
+    def _check_motion(self) -> None:
+        path = self.source_motion is not None
+        moving = self.moving_instances if self.is_part_3 else ()
+        if list(moving) != sorted({*moving} & {instance.id for instance in self.instances}):
+            raise ValueError(f"{self.frames[0].name}: moved names {moving}; expected ids of instances, sorted")
+        for frame in self.frames:
+            if (frame.source_position is not None) != path:
+                found = "missing, but source_motion is path" if path else "given, but source_motion is not"
+                raise ValueError(f"{frame.name}: source_position is {found}")
+            found_moving = tuple(one.instance for one in frame.moved or ())
+            if found_moving != moving:
+                raise ValueError(f"{frame.name}: moved names {found_moving}, expected {moving}")
 
     def _check_categories(self) -> None:
         own = self.categories or ()
@@ -641,7 +734,7 @@ class ObservationRecord(Record):
         first = self.sources[0] if self.sources else None
         if self.category != (first and first.category) or self.source_position != (first and first.position):
             raise ValueError("category and source_position are not those of the first source")
-        if self.moves or self.sound is not None:
+        if self.source_motion is not None or self.sound is not None:
             raise ValueError("source_motion and sound belong to part_1 and part_2")
         known = {instance.id: instance.category for instance in self.instances}
         for source in self.sources:

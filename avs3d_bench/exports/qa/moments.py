@@ -113,8 +113,9 @@ def _sources(record: ObservationRecord, entry: FrameRecord) -> list[QaSource]:
     found = []
     for audible in entry.audible or ():
         source = record.source(audible.source)
-        where = direction_to(entry.pose, source.position)
-        right = entry.pose.to_camera(np.asarray(source.position))[0]
+        place = record.source_at(entry, source)
+        where = direction_to(entry.pose, place)
+        right = entry.pose.to_camera(np.asarray(place))[0]
         lateral = float(np.degrees(np.arcsin(np.clip(right / max(where.distance, 1e-9), -1, 1))))
         found.append(
             QaSource(
@@ -137,7 +138,10 @@ def _objects(frame: Frame) -> tuple[QaObject, ...]:
 def _object(
     frame: Frame, instance: InstanceRecord, pixels: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 ) -> QaObject:
-    where = direction_to(frame.pose, np.mean(instance.bounds, axis=0))
+    record, entry = frame.observation.record, frame.record
+    assert record is not None, "checked by the caller"
+    assert entry is not None, "a record has all frames"
+    where = direction_to(frame.pose, record.middle_at(entry, instance))
     rows, columns = np.nonzero(pixels)
     nearest = int(np.argmin((rows - np.median(rows)) ** 2 + (columns - np.median(columns)) ** 2))
     return QaObject(

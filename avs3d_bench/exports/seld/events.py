@@ -109,14 +109,14 @@ def event_classes(own: Sequence[str], categories: Sequence[str]) -> dict[str, in
 
 
 def seconds_of(record: ObservationRecord) -> int:
-    """Seconds of a recording: all of the observation, without the last one if its source moves.
+    """Seconds of a recording: all of the observation, without the last one if a source moves.
 
-    observation.json does not have the place of a moving source at the end of the last second.
+    observation.json does not have the place of what moves at the end of the last second.
 
     Raises:
         UsageError: if nothing is left.
     """
-    count = len(record.frames) - (1 if record.moves else 0)
+    count = len(record.frames) - (1 if any(map(record.source_moves, record.sound_sources)) else 0)
     if count < 1:
         raise UsageError(f"{record.key}: one frame with a moving source; expected two or more")
     return count
@@ -181,7 +181,7 @@ def _sounds(source: SourceRecord, middle: float) -> bool:
 
 def _position(record: ObservationRecord, source: SourceRecord, second: int, share: float) -> Array:
     """Where a source is, (3,) metres in the world."""
-    if not record.moves:
+    if not record.source_moves(source):
         return np.asarray(source.position, dtype=np.float64)
-    start, end = (np.asarray(record.source_at(record.frames[number])) for number in (second, second + 1))
+    start, end = (np.asarray(record.source_at(record.frames[number], source)) for number in (second, second + 1))
     return np.asarray(start + share * (end - start))

@@ -46,7 +46,8 @@ window.AVS3D = window.AVS3D ?? {};
         rays[i].toggleAttribute("hidden", !(audible && at));
         rays[i].classList.toggle("hidden-source", !sources && sight === false);
         if (here) [ends.x1, ends.y1] = here;
-        if (there) { [ends.x2, ends.y2] = there; star.setAttribute("transform", `translate(${there})`); }
+        const way = sources?.[i].at, now = way ? this.place(...way[index]) : there;
+        if (now) { [ends.x2, ends.y2] = now; star.setAttribute("transform", `translate(${now})`); }
         for (const [key, value] of Object.entries(ends)) rays[i].setAttribute(key, value);
       });
     }
