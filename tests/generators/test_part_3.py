@@ -484,15 +484,16 @@ def test_fewer_frames_cut_programmes_off(manifest: Path, tmp_path: Path) -> None
 
 
 def test_sources_that_reach_full_scale_together_are_lowered_as_one(tmp_path: Path) -> None:
-    """By whole decibels to less than −1 dB of full scale, which the gain in the record tells."""
+    """By whole decibels to less than −1 dB of full scale, which the gain in the record tells; so is a source alone."""
 
     def made(name: str, gain_db: float, *sources: int) -> Path:
         entry: dict[str, Any] = {
             "part": "part_3", "scan": "box", "room": "kitchen", "index": 1, "instances": {"microwave": 2},
             "sources": [{"category": "microwave", "instance": one, "gain_db": gain_db} for one in sources],
         }  # fmt: skip
+        alone = {"like": FIRST, "index": 2, "sources": [{**entry["sources"][-1], "gain_db": 20.0}]}
         (tmp_path / name).mkdir()
-        return write_manifest(tmp_path / name, observations=[entry])
+        return write_manifest(tmp_path / name, levels=[4, 4], observations=[entry, alone])
 
     def peak_and_clips(root: Path) -> tuple[float, list[Any]]:
         clips = [frame.audio() for frame in Dataset(root)[FIRST].frames]
@@ -507,6 +508,9 @@ def test_sources_that_reach_full_scale_together_are_lowered_as_one(tmp_path: Pat
     record = data[FIRST].record
     assert record is not None
     assert record.acoustics.gain == pytest.approx(GAIN * 10 ** (-3 / 20))
+    alone = data[FIRST.replace("/1", "/2")]
+    assert alone.record is not None and alone.record.acoustics.gain < GAIN
+    assert max(float(np.abs(frame.audio()).max()) for frame in alone.frames) < 10 ** (-1 / 20)
     found, loud = peak_and_clips(data.root)
     assert found == pytest.approx(1.2 * 10 ** (-3 / 20), rel=1e-3)
     for one, other in zip(loud, quiet, strict=True):
