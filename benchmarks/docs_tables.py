@@ -31,6 +31,7 @@ from benchmarks import (
     leaderboard_page,
     listener_page,
     listener_seeds,
+    picture_statistics,
     receivers,
     separability,
     sound_rows,
@@ -47,6 +48,9 @@ ROOT = Path(__file__).parent.parent
 MASKS = {"ambiguous": "category", "sounding": "sounding"}
 #: EchoSegnet, in the names of files and in tables.
 VARIANTS = {"no-aisrm": "official, no AISRM", "official": "official", "spatial": "**spatial**"}
+#: Version of the pictures that docs/light.md has tables of, and the kinds of material and of surface in them.
+LIGHT, LIGHT_KINDS = "4.0.0", ("diffuse", "glossy", "metal", "all")
+LIGHT_SURFACES = ("walls", "floor", "ceiling", "furniture", "objects")
 #: Figures of ``listen`` in tables.
 LISTEN = ("pair_accuracy", "IoU", "class_mIoU", "FP_rate")
 
@@ -88,6 +92,27 @@ class Results:
     def power(self) -> str:
         """Errors of `avs3d compare` in a simulation."""
         return "\n".join(comparison_power.tables(self.json("comparison-power")))
+
+    def light(self) -> str:
+        """Agreement with the path tracer, by kind of material."""
+        found = self.json("light-reference")[LIGHT]
+        rows = []
+        for room, kinds in found["rooms"].items():
+            for kind in LIGHT_KINDS:
+                one = kinds[kind]
+                shares = [f"{one[name]:.1%}" for name in ("median", "p90")]
+                rows.append([room, kind, f"{one['pixels']:,}", *shares, f"{one['ratio']:.3f}", f"{one['noise']:.1%}"])
+        rows += [["all rooms", kind, "", f"{found['median'][kind]:.1%}", "", "", ""] for kind in LIGHT_KINDS]
+        head = ["room", "surfaces", "pixels", "median difference", "90th percentile", "ours over reference", "noise"]
+        return text(head, rows)
+
+    def light_surfaces(self) -> str:
+        """Agreement with the path tracer, by class of surface: median difference and ratio of the means."""
+        rows = []
+        for room, kinds in self.json("light-reference")[LIGHT]["rooms"].items():
+            found = [kinds[name] for name in LIGHT_SURFACES]
+            rows.append([room, *(f"{one['median']:.1%}, {one['ratio']:.3f}" for one in found)])
+        return text(["room", *LIGHT_SURFACES], rows)
 
     def scans(self) -> str:
         """Simulated phone scans as they are read, beside their truth."""
@@ -411,7 +436,11 @@ def blocks(docs: Path) -> dict[str, list[tuple[str, Callable[[], str]]]]:
     return {
         "README.md": [("results", lambda: summary(own.folder))],
         "docs/comparing.md": [("power", own.power), ("homes", lambda: home_coverage.table(own.json("home-coverage")))],
-        "docs/generator.md": [("speed", lambda: speed(docs / "bench.json"))],
+        "docs/generator.md": [
+            ("statistics", lambda: picture_statistics.table(own.json("picture-statistics"))),
+            ("speed", lambda: speed(docs / "bench.json")),
+        ],
+        "docs/light.md": [("rooms", own.light), ("surfaces", own.light_surfaces)],
         "docs/listener-training.md": [("curve", own.curve)],
         "docs/official.md": [("table 2", own.paper_methods), ("table 3", own.paper_thresholds)],
         "docs/export-qa.md": [("qa", own.qa)],
