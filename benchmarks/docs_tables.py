@@ -192,24 +192,33 @@ class Results:
         rows = sound_rows.sounds_table(self.json("listener-sounds")["sounds"])
         return text(["what the sources play", "part_1", "part_2"], rows)
 
-    def seeds(self) -> dict[str, Any]:
-        """Figures of the listener's runs, by the names in `listener_seeds.RUNS`."""
-        return {run: self.json("-".join(["listener-seeds", *filter(None, [run])])) for run in listener_seeds.RUNS}
+    def seeds(self, runs: Iterable[str] = listener_seeds.RUNS) -> dict[str, Any]:
+        """Figures of the listener's runs, by names of `listener_seeds`."""
+        return {run: self.json("-".join(["listener-seeds", *filter(None, [run])])) for run in runs}
 
-    def seeds_strict(self) -> str:
+    def seeds_strict(self, titles: Mapping[str, str] = listener_seeds.RUNS) -> str:
         """Strict IoU of the listener's training seeds."""
-        head = ["sounds, heads", "answer", "part", *listener_seeds.RUNS.values()]
-        return text(head, listener_seeds.strict_rows(self.seeds()))
+        head = ["sounds, heads, models", "answer", "part", *titles.values()]
+        return text(head, listener_seeds.strict_rows(self.seeds(titles)))
 
-    def seeds_listen(self) -> str:
+    def seeds_listen(self, titles: Mapping[str, str] = listener_seeds.RUNS) -> str:
         """Figures of the listener's training seeds under ``listen``."""
-        return text(["figure", "answer", *listener_seeds.RUNS.values()], listener_seeds.listen_rows(self.seeds()))
+        return text(["figure", "answer", *titles.values()], listener_seeds.listen_rows(self.seeds(titles)))
+
+    def seeds_classes(self) -> str:
+        """What the listener sees, by category, and how sure it is."""
+        titles = [
+            f"{listener_seeds.TESTS[data]}, {run}"
+            for data in listener_seeds.PICTURES
+            for run in listener_seeds.RUNS.values()
+        ]
+        return text(["figure", *titles], listener_seeds.class_rows(self.seeds()))
 
     def sound_controls(self) -> str:
-        """The listener with another sound in place of its own."""
-        tests = [f"{title}, {part}" for title in listener_seeds.TESTS.values() for part in ("part_1", "part_2")]
+        """The listener with another sound in place of its own, on the run before."""
+        tests = [f"{title}, {part}" for title in listener_seeds.FORMER_TESTS.values() for part in ("part_1", "part_2")]
         head = ["`--sound`", *tests, *(f"listen, {name}" for name in ("twins", "all pairs", "IoU"))]
-        return text(head, listener_seeds.control_rows(self.json("listener-seeds")))
+        return text(head, listener_seeds.control_rows(self.json("listener-seeds-former")))
 
     def echosegnet_sounds(self) -> str:
         """EchoSegnet with another sound in place of its own, part_2."""
@@ -451,8 +460,12 @@ def blocks(docs: Path) -> dict[str, list[tuple[str, Callable[[], str]]]]:
             ("methods", own.methods),
         ],
         "docs/listener.md": [
-            ("strict", own.seeds_strict), ("listen", own.seeds_listen), ("controls", own.sound_controls),
-            ("sounds", own.listener_sounds),
+            ("strict", own.seeds_strict), ("listen", own.seeds_listen), ("classes", own.seeds_classes),
+        ],
+        "docs/listener-trials.md": [
+            ("former strict", lambda: own.seeds_strict(listener_seeds.FORMER_RUNS)),
+            ("former listen", lambda: own.seeds_listen(listener_seeds.FORMER_RUNS)),
+            ("controls", own.sound_controls), ("sounds", own.listener_sounds),
         ],
         "docs/scans.md": [("scans", own.scans)],
         "docs/sounds.md": [("separability", own.separability), ("confusions", own.confusions)],

@@ -1,11 +1,13 @@
 """`python -m benchmarks.listener_seeds SCORES … -o FILE.json`: figures of several training seeds, row by row.
 
-Each folder has the files of `benchmarks.listener_tables` for one seed. Of each row and dataset, the file has strict
-IoU of each part and category, and under ``listen`` the pair accuracy by kind of pair: the mean over the seeds, the
-value of each, and the interval over homes of the first seed. `--table` prints them as a table.
+Each folder has the files of `benchmarks.listener_tables` for one seed, and those of `benchmarks.listener_classes` as
+``classes-DATASET.json``. Of each row and dataset, the file has strict IoU of each part and category, and under
+``listen`` the pair accuracy by kind of pair: the mean over the seeds, the value of each, and the interval over homes
+of the first seed. ``DATASET-classes`` has what the network sees. `--table` prints the rows as a table.
 
-docs/results/listener-seeds.json is of the three seeds; -package, -plain and -old of one folder each: the seed whose
-weights are the package's, seed 0 without the random changes of version 3, and the package's weights before.
+docs/results/listener-seeds.json is of the three seeds, -package of the seed whose weights are the package's. -former
+and -former-package are the same weights on the run before, with its pictures and its rule of direction; of that run
+are also -plain, seed 0 without the random changes of version 3, and -old, the package's weights before.
 """
 
 from __future__ import annotations
@@ -18,18 +20,28 @@ from typing import Any
 import click
 
 from avs3d_bench.contract.scores import Scores
-from avs3d_bench.formats.files import write_json
+from avs3d_bench.contract.taxonomy import CATEGORIES
+from avs3d_bench.formats.files import read_json, write_json
 from avs3d_bench.formats.media import read_record
 from benchmarks.listener_summary import share
 from benchmarks.listener_tables import ROWS, RUN_JSON
 from benchmarks.sound_rows import LISTEN_FIGURES, row_of
 
 #: Datasets of strict IoU in the docs: its name in files of scores → what differs.
-TESTS = {"open-s34-o7": "test voices", "open-s34-o7-excerpts": "recordings", "open-s34-o7-heads": "other heads"}
+FORMER_TESTS = {"open-s34-o7": "test voices", "open-s34-o7-excerpts": "recordings", "open-s34-o7-heads": "other heads"}
+TESTS = {**FORMER_TESTS, "open-s34-o7-sh3d": "other models", "open-scans": "a real room"}
+#: Datasets whose pictures differ, for what the network sees.
+PICTURES = ("open-s34-o7", "open-s34-o7-sh3d", "open-scans")
 #: Rows that need no other sound.
 ANSWERS = {"2d": "network", "direction": "direction", "both": "both"}
-#: What runs are called in the docs: name in files (empty: the three seeds) → title.
-RUNS = {"old": "former weights", "package": "package", "": "three seeds", "plain": "without new changes"}
+#: What runs are called in the docs: name in files (empty: the three seeds) → title; and those of the run before.
+RUNS = {"package": "package", "": "three seeds"}
+FORMER_RUNS = {
+    "old": "former weights",
+    "former-package": "package",
+    "former": "three seeds",
+    "plain": "without new changes",
+}
 
 
 def figures_of(folders: tuple[Path, ...]) -> dict[str, dict[str, Any]]:
@@ -44,7 +56,19 @@ def figures_of(folders: tuple[Path, ...]) -> dict[str, dict[str, Any]]:
             for group, metrics in rows[0].items()
             if isinstance(metrics, dict)
         }
+    for path in sorted(folders[0].glob("classes-*.json")):
+        each = [one for folder in folders for one in read_json(folder / path.name)["datasets"].values()]
+        found[f"{path.stem.removeprefix('classes-')}-classes"] = {
+            "classes": _plain([one["class_iou"] for one in each]),
+            "masks": _plain([{name: one[name] for name in ("calibration_error", "average_precision")} for one in each]),
+        }
     return found
+
+
+def _plain(each: list[dict[str, float | None]]) -> dict[str, Any]:
+    """Figures without intervals; without those of what no picture shows."""
+    names = [name for name, value in each[0].items() if value is not None]
+    return {name: _over([{"value": one[name], "interval": None} for one in each]) for name in names}
 
 
 def _over(each: list[dict[str, Any]]) -> dict[str, Any]:
@@ -58,6 +82,8 @@ def table(found: dict[str, dict[str, Any]]) -> list[list[str]]:
     """Rows: dataset, row, and for each part its headline figures with the range over the seeds."""
     lines = []
     for name, groups in found.items():
+        if name.endswith("-classes"):
+            continue
         row = next((known for known in sorted(ROWS, key=len, reverse=True) if name.endswith(f"-{known}")), name)
         cells = [
             f"{part} {metric} {cell(figure)}"
@@ -70,10 +96,10 @@ def table(found: dict[str, dict[str, Any]]) -> list[list[str]]:
 
 
 def strict_rows(runs: Mapping[str, Any]) -> list[list[str]]:
-    """Rows of strict IoU for the docs: what sounds, the answer, the part, and a cell for each of `RUNS`.
+    """Rows of strict IoU for the docs: what sounds, the answer, the part, and a cell for each run.
 
     Args:
-        runs: name in `RUNS` → what `figures_of` found.
+        runs: name in `RUNS` or `FORMER_RUNS` → what `figures_of` found.
     """
     return [
         [title, answer, part, *_cells(runs, f"{dataset}-{row}", part, "strict_IoU")]
@@ -85,7 +111,7 @@ def strict_rows(runs: Mapping[str, Any]) -> list[list[str]]:
 
 
 def listen_rows(runs: Mapping[str, Any]) -> list[list[str]]:
-    """Rows of ``listen`` for the docs: the figure, the answer, and a cell for each of `RUNS`; see `strict_rows`."""
+    """Rows of ``listen`` for the docs: the figure, the answer, and a cell for each run; see `strict_rows`."""
     return [
         [metric, answer, *_cells(runs, f"listen-{row}", "part_3", metric)]
         for metric in LISTEN_FIGURES
@@ -95,12 +121,26 @@ def listen_rows(runs: Mapping[str, Any]) -> list[list[str]]:
 
 
 def _cells(runs: Mapping[str, Any], name: str, part: str, metric: str) -> list[str]:
-    """A cell for each of `RUNS`; a dash where a run lacks the row."""
-    return [cell(runs[run][name][part][metric]) if name in runs[run] else "–" for run in RUNS]
+    """A cell for each run; a dash where a run lacks the figure."""
+    figures = [found.get(name, {}).get(part, {}).get(metric) for found in runs.values()]
+    return [cell(figure) if figure else "–" for figure in figures]
+
+
+def class_rows(runs: Mapping[str, Any]) -> list[list[str]]:
+    """Rows of what the network sees: the figure, and a cell for each of `PICTURES` and each run; see `strict_rows`."""
+    figures = {
+        **{name: ("classes", f"IoU, {name.replace('_', ' ')}") for name in CATEGORIES},
+        "calibration_error": ("masks", "calibration error above .1"),
+        "average_precision": ("masks", "average precision"),
+    }
+    return [
+        [title, *(one for data in PICTURES for one in _cells(runs, f"{data}-classes", group, name))]
+        for name, (group, title) in figures.items()
+    ]
 
 
 def control_rows(found: Mapping[str, Any]) -> list[list[str]]:
-    """Rows of `--sound`, of the first seed: strict IoU of each of `TESTS` and part; twins, all pairs, IoU of listen."""
+    """Rows of `--sound`, first seed: strict IoU of each of `FORMER_TESTS` and part; twins, all pairs, IoU of listen."""
 
     def first(name: str, part: str, metric: str) -> str:
         return share(found[name][part][metric]["values"][0])
@@ -108,7 +148,11 @@ def control_rows(found: Mapping[str, Any]) -> list[list[str]]:
     return [
         [
             "own" if row.name == "2d" else row.setting,
-            *(first(f"{data}-{row.name}", part, "strict_IoU") for data in TESTS for part in ("part_1", "part_2")),
+            *(
+                first(f"{data}-{row.name}", part, "strict_IoU")
+                for data in FORMER_TESTS
+                for part in ("part_1", "part_2")
+            ),
             *(first(f"listen-{row.name}", "part_3", metric) for metric in ("twins", "pair_accuracy", "IoU")),
         ]
         for row in ROWS.values()

@@ -9,7 +9,7 @@ import pytest
 
 from avs3d_bench.contract.scores import Scores
 from avs3d_bench.formats.files import write_json
-from benchmarks.listener_seeds import cell, figures_of
+from benchmarks.listener_seeds import cell, class_rows, figures_of
 from benchmarks.listener_summary import settings_lines, settings_text, twin_accuracy, twin_pairs
 
 RESULTS = Path(__file__).parents[2] / "docs/results"
@@ -60,6 +60,16 @@ def test_figures_of_seeds_are_a_mean_with_every_value_and_the_interval_of_the_fi
     assert (one["mean"], one["values"]) == (0.35, [0.5, 0.2])
     assert one["interval"] not in (None, [0.0, 0.9])
     assert cell(one) == ".350 (.200–.500)"
+
+
+def test_what_the_network_sees_is_a_row_for_each_category_and_a_dash_where_none_stands(tmp_path: Path) -> None:
+    for name, clock in {"seed0": 0.5, "seed1": 0.2}.items():
+        seen = {"class_iou": {"clock": clock, "toilet": None}, "calibration_error": 0.1, "average_precision": clock}
+        write_json(tmp_path / name / "classes-open-scans.json", {"datasets": {"open-scans": seen}})
+    rows = {row[0]: row[1:] for row in class_rows({"": figures_of((tmp_path / "seed0", tmp_path / "seed1"))})}
+    assert rows["IoU, clock"] == ["–", "–", ".350 (.200–.500)"]
+    assert rows["IoU, toilet"] == ["–"] * 3
+    assert rows["calibration error above .1"] == ["–", "–", ".100 (.100–.100)"]
 
 
 def test_the_cell_of_one_seed_has_its_interval_over_homes() -> None:
