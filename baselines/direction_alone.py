@@ -114,8 +114,7 @@ class DirectionMethod:
         size = np.array([(labels == label).sum() for label in choice.labels])
         score = choice.scores + np.log(np.minimum(size, LARGE))
         if self.cues == "both":
-            of_label = [categories[labels == label][0] for label in choice.labels]
-            score = score + NAMES * log_heard(answers).mean(axis=0)[of_label]
+            score = score + NAMES * log_heard(answers).mean(axis=0)[category_of_each(labels, categories)[choice.labels]]
         chosen = labels == choice.labels[score.argmax()]
         return points[chosen], int(categories[chosen][0])
 
@@ -130,12 +129,12 @@ class DirectionMethod:
         answers = dict(zip([view.name for view in used], self.seen([view.frame for view in used]), strict=True))
         points, labels, categories = candidates(train, [answers[view.name] for view in train])
         sounding = self._sounding(points, labels, categories, used, [answers[view.name] for view in used])
-        place = {view.name: number for number, view in enumerate(used)}
+        named, place = category_of_each(labels, categories), {view.name: number for number, view in enumerate(used)}
         out = []
         for frame in frames:
             ids = np.zeros(frame.rgb().shape[:2], np.uint8)
             for number in np.flatnonzero(sounding[place[frame.name]]) if frame.name in place else ():
-                one, category = labels == number, int(categories[labels == number][0])
+                one, category = labels == number, int(named[number])
                 view = used[place[frame.name]]
                 ids[self._of_points(frame, answers[frame.name], points[one], category, view)] = 1 + category
             out.append(Prediction(ids > 0, ids))
@@ -155,8 +154,8 @@ class DirectionMethod:
         posterior = cluster_activity(points, labels, walk, self._clips(walk), largest=LARGE).posterior
         odds = log_odds(posterior.astype(np.float32))
         if self.cues == "both":
-            of_label = [categories[labels == label][0] for label in range(posterior.shape[1])]
-            heard = log_odds(np.exp(log_heard(answers)).astype(np.float32), LEAST_HEARD)[:, of_label]
+            heard = log_odds(np.exp(log_heard(answers)).astype(np.float32), LEAST_HEARD)
+            heard = heard[:, category_of_each(labels, categories)]
             odds = odds + NAMES_OF_A_SECOND * (heard - logit(HEARD_PRIOR))
         return np.asarray(odds > logit(DECIDED))
 
@@ -184,6 +183,11 @@ class DirectionMethod:
 def some_of(walk: Sequence[views.RegisteredView]) -> tuple[views.RegisteredView, ...]:
     """At most `MOST_VIEWS` of the views, evenly over the walk."""
     return tuple(walk[i] for i in np.linspace(0, len(walk) - 1, min(len(walk), MOST_VIEWS)).round().astype(int))
+
+
+def category_of_each(labels: NDArray[np.int64], categories: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(K,) the category of each candidate 0 … K − 1, whose voxels all have it; arguments from `candidates`."""
+    return np.asarray(categories[np.unique(labels, return_index=True)[1]])
 
 
 def log_heard(answers: Sequence[Answer]) -> NDArray[np.float64]:
