@@ -17,10 +17,24 @@ FORBIDDEN = {
 }
 
 
+@cache
+def statements(path: Path) -> list[ast.stmt]:
+    """The imports and classes of a file, anywhere in it; those inside functions and for type checkers, too."""
+    # Not by `ast.walk`: most nodes of a file are in expressions, which have neither.
+    found, left = [], [*ast.parse(path.read_text(encoding="utf-8")).body]
+    while left:
+        node = left.pop()
+        if isinstance(node, ast.Import | ast.ImportFrom | ast.ClassDef):
+            found.append(node)
+        for block in ("body", "orelse", "finalbody", "handlers", "cases"):
+            left += getattr(node, block, [])
+    return found
+
+
 def imported(path: Path) -> set[str]:
     """Top-level packages that a file imports, anywhere in it; relative imports stay inside their package."""
     found: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in statements(path):
         if isinstance(node, ast.Import):
             found |= {alias.name.split(".")[0] for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
@@ -226,7 +240,7 @@ MODULES = {name: path for package in PACKAGES for name, path in modules(package)
 def edges(name: str) -> set[str]:
     """Modules of ours that a module imports, anywhere in it: inside functions and for type checkers, too."""
     found = set()
-    for node in ast.walk(ast.parse(MODULES[name].read_text(encoding="utf-8"))):
+    for node in statements(MODULES[name]):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
@@ -376,7 +390,7 @@ def test_a_class_name_has_one_meaning() -> None:
     defined: dict[str, list[str]] = {}
     for package in PACKAGES:
         for path in sorted((ROOT / package).rglob("*.py")):
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            for node in statements(path):
                 if isinstance(node, ast.ClassDef):
                     defined.setdefault(node.name, []).append(path.relative_to(ROOT).as_posix())
     assert {name: places for name, places in defined.items() if len(places) > 1 and name not in TWICE} == {}

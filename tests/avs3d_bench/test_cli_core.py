@@ -160,6 +160,7 @@ def test_a_bug_keeps_its_traceback():
         cli.run(raising(ZeroDivisionError()), [])
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_one_line(tmp_path: Path):
     if not os.path.exists("/dev/full"):
         pytest.skip("this system has no /dev/full")

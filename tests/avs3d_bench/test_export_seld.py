@@ -448,6 +448,7 @@ def test_a_film_has_thirty_pictures_a_second_and_is_shared_by_siblings(
     assert np.abs(pictures[0][15:17, 31:33].mean(axis=(0, 1)) - there).max() < 6
 
 
+@pytest.mark.slow
 def test_the_recipe_of_the_page_is_short_and_learns(
     foa: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -417,6 +417,7 @@ def hub(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
     return datasets
 
 
+@pytest.mark.slow
 def test_datasets_loads_the_folder_offline(ours: Path, tmp_path: Path, hub: Any):
     write_huggingface(ours, tmp_path / "out", shard_mb=2, extras=["depth", "mono", "rirs"], workers=1)
     loaded = hub.load_dataset(str(tmp_path / "out"), cache_dir=str(tmp_path / "cache"))

@@ -127,6 +127,7 @@ def test_a_label_is_below_its_mark_and_not_where_something_is() -> None:
     assert moved.bottom < 100
 
 
+@pytest.mark.slow
 def test_names_on_a_contact_sheet_do_not_overlap_and_keep_off_the_legend(tmp_path: Path) -> None:
     root = tiny.write_dataset(tmp_path / "d", size=32)
 
@@ -204,6 +205,7 @@ def test_a_map_may_show_a_part_of_the_scan(scanned: Observation) -> None:
     assert (picture[21:] == paler(BLUE)).all()
 
 
+@pytest.mark.slow
 def test_a_sheet_of_a_scan_shows_its_colours(scanned: Observation) -> None:
     figure = draw_contact_sheet(Dataset(scanned.path.parents[3]), scanned.key, columns=3)
     canvas: Any = figure.canvas

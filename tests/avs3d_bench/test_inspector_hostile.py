@@ -184,6 +184,7 @@ def test_a_site_on_disk_has_a_page_for_what_it_cannot_show(root: Path, tmp_path:
     assert str(root) not in page
 
 
+@pytest.mark.slow
 def test_the_page_of_a_damaged_observation_leads_on(root: Path) -> None:
     empty(root / KEY / "observation.json")
     with launch() as browser, served(root) as server:

@@ -44,6 +44,7 @@ def test_help_needs_little():
     assert "Commands:" in call("avs3d", 200_000, "--help").stdout
 
 
+@pytest.mark.slow
 def test_a_million_kilobytes_are_enough_to_score(tmp_path: Path):
     data = tiny.write_dataset(tmp_path / "tiny", frames=9)
     submission = submit(tmp_path / "s", data, true_mask)

@@ -94,6 +94,7 @@ def test_the_same_dataset_gives_the_same_bytes(dataset: Path, released: Path, tm
     assert files_of(tmp_path / "again") == files_of(released)
 
 
+@pytest.mark.slow
 def test_equal_pictures_are_in_an_archive_once(shared_part_3: SharedDataset, tmp_path: Path) -> None:
     root = shared_part_3()
     release = write_release(root, tmp_path / "release", workers=1)

@@ -24,6 +24,7 @@ from avs3d_bench.validation.interaural import hearings
 from avs3d_bench.validation.sound import BinauralClip
 from tests.support import tiny, tiny_scenes
 from tests.support.shared import SharedDataset
+from tests.support.tiers import some
 from tests.support.tiny_scenes import AWAY, BOTH, FIRST, GROUP, SECOND, SILENT
 
 
@@ -205,7 +206,10 @@ def test_copies_of_the_pictures_are_as_good_as_links(tmp_path: Path, root: Path)
 
 
 @pytest.mark.parametrize(
-    "path", ["input/frame_002.png", "instance_masks/frame_002.png", "sparse/0/points3D.bin", "camera_splits.json"]
+    "path",
+    some(
+        ["input/frame_002.png", "instance_masks/frame_002.png", "sparse/0/points3D.bin", "camera_splits.json"], every=4
+    ),
 )
 def test_damage_to_a_file_that_siblings_share_is_named_once(tmp_path: Path, root: Path, path: str):
     """With the first of the group; a sibling that is checked alone is checked whole."""

@@ -337,6 +337,7 @@ def test_a_damaged_picture_in_the_middle_leaves_nothing(tmp_path: Path) -> None:
     assert not list(tmp_path.glob("out/*"))
 
 
+@pytest.mark.slow
 def test_a_system_that_refuses_is_told_in_one_line(root: Path, tmp_path: Path) -> None:
     target = tmp_path / "out/f.mp4"
     code = f"""

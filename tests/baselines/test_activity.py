@@ -170,6 +170,7 @@ def test_sizes_are_numbers_above_0(size: list[float]):
         infer(SPOTS, *poses(walk), np.zeros((4, 2, 22_050)), size=np.array(size))
 
 
+@pytest.mark.slow
 def test_a_source_that_grows_loud_is_one_source():
     """Its louder part has another spectrum, as that of an appliance that heats for a while."""
     walk = listeners(30)

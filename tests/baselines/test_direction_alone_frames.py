@@ -19,6 +19,7 @@ from baselines.listener.predict import ListenerMethod  # noqa: E402
 from tests.support import tiny  # noqa: E402
 from tests.support.delays import delayed  # noqa: E402
 from tests.support.shared import SharedDataset  # noqa: E402
+from tests.support.tiers import some  # noqa: E402
 from tests.support.tiny_scenes import FIRST, SILENT  # noqa: E402
 
 
@@ -50,7 +51,7 @@ def middle(observation: Observation, instance: int) -> Any:
     return next(np.mean(one.bounds, axis=0) for one in observation.record.instances if one.id == instance)
 
 
-@pytest.mark.parametrize("sounding", [1, 2])
+@pytest.mark.parametrize("sounding", some([1, 2], every=2))
 def test_of_twins_the_one_is_marked_whose_place_is_heard_along_the_walk(
     shared_dataset: SharedDataset, monkeypatch: pytest.MonkeyPatch, sounding: int
 ) -> None:
@@ -64,6 +65,7 @@ def test_of_twins_the_one_is_marked_whose_place_is_heard_along_the_walk(
         assert (np.asarray(prediction.mask) == mask).all()
 
 
+@pytest.mark.slow
 def test_in_part_3_a_frame_marks_the_object_at_the_angle_of_its_second_and_no_other(
     shared_part_3: SharedDataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -85,6 +85,7 @@ def test_diffuse_noise_and_silence_are_nothing(tmp_path: Path) -> None:
         assert spatial_answer(ask(tmp_path, "room", ["here", "nothing"], clip), tmp_path, ()) == "nothing sounds"
 
 
+@pytest.mark.slow
 def test_the_deaf_solver_is_at_chance_and_the_listening_one_is_not(
     shared_part_3: SharedDataset, tmp_path: Path
 ) -> None:

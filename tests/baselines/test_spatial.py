@@ -14,6 +14,7 @@ from baselines.echosegnet.binaural import HEAD_RADIUS, SPEED_OF_SOUND, lateral_a
 from baselines.echosegnet.clusters import dbscan, merge_fragments, representatives
 from baselines.echosegnet.spatial import CueWeights, SpatialChoice, candidates, choose, student_fit
 from generators.assets.catalogue import build_model, training_variants
+from tests.support.tiers import some
 
 SR = 44_100
 PHASE, ILD, LEVEL = CueWeights(3.0, 0.0, 0.0), CueWeights(0.0, 0.03, 0.0), CueWeights(0.0, 0.0, 0.05)
@@ -69,7 +70,7 @@ SPOTS = np.array([[2.0, -0.9, 1.0], [-1.8, -0.5, 2.0], [0.3, -1.0, -2.5], [2.5, 
 
 
 @pytest.mark.parametrize("weights", [CueWeights(), PHASE, ILD, LEVEL], ids=["all", "phase", "ild", "level"])
-@pytest.mark.parametrize("sounding", range(4))
+@pytest.mark.parametrize("sounding", some(range(4), every=4))
 def test_in_the_free_field_the_right_instance_is_chosen(sounding, weights):
     points, labels = blobs(*SPOTS)
     for seed in range(3):
@@ -358,7 +359,7 @@ def test_each_category_has_its_own_candidates():
     assert clusters.marked_candidates(np.zeros((0, 3)), np.zeros(0, np.int64)).shape == (0,)
 
 
-@pytest.mark.parametrize("category", CATEGORIES)
+@pytest.mark.parametrize("category", some(CATEGORIES, every=3))
 def test_no_model_for_training_is_larger_than_its_category(category):
     """At any turn about the vertical axis, as boxes of candidates lie along the axes."""
     largest = clusters.largest_of(1 + CATEGORIES.index(category))

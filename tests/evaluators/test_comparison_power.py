@@ -61,6 +61,7 @@ def test_a_smaller_simulation_finds_the_recorded_coverage_and_power() -> None:
         assert share["share"] == pytest.approx(recorded["share"], abs=4 * (share["error"] + recorded["error"]))
 
 
+@pytest.mark.slow
 def test_errors_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     """A test without correction, or one whose p-values are too small, is found out."""
     monkeypatch.setattr(comparison_power, "holm", lambda p_values: list(p_values))
@@ -76,6 +77,7 @@ def test_differences_of_one_mean_and_another_shape_are_not_what_the_test_assumes
     assert share > limit(2000)
 
 
+@pytest.mark.slow
 def test_siblings_must_change_sign_together() -> None:
     """Differences that siblings share: with a sign for each sibling, equal methods are separated far too often."""
     groups, siblings, trials = 16, 6, 2000

@@ -753,6 +753,7 @@ def test_truth_in_the_public_tree_is_refused(trees: tuple[Path, Path], tmp_path:
         write_codabench(leaky, private, tmp_path / "bundle.zip", SETTINGS)
 
 
+@pytest.mark.slow
 def test_the_truth_of_another_seal_is_refused(tmp_path: Path) -> None:
     first = sealed_trees.write_seal(tmp_path / "first")
     second = sealed_trees.write_seal(tmp_path / "second", bytes(32))

@@ -320,6 +320,7 @@ def test_a_contradiction_is_one_line(
     assert re.search(says, capsys.readouterr().err)
 
 
+@pytest.mark.slow
 def test_files_of_the_evaluator_follow_from_their_observations(tmp_path: Path):
     """Nine digits, three parts, twins, siblings and missing figures: none of it is a contradiction."""
     tiny.write_dataset(tmp_path / "plain", frames=17, size=32)

@@ -293,6 +293,7 @@ def test_one_method_twice_is_told_apart_and_one_file_twice_counts_once(tmp_path:
     assert reports == {report_page(f"report {seed}") for seed in (1, 2)}
 
 
+@pytest.mark.slow
 @given(st.permutations(range(5)))
 @settings(max_examples=5)
 def test_the_order_of_the_files_changes_nothing(order: list[int]) -> None:

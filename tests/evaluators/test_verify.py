@@ -395,6 +395,7 @@ def test_bad_input_is_one_line(
     assert (code, err) == (2, "avs3d: error: Missing option '--submission'.\n")
 
 
+@pytest.mark.slow
 def test_a_submission_that_cannot_be_scored_is_not_confirmed(
     score_file: Path, submission: Path, data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -478,6 +479,7 @@ def test_a_broken_file_of_scores_is_one_line(
     assert says in err
 
 
+@pytest.mark.slow
 def test_a_leaderboard_marks_what_a_named_record_confirms(
     score_file: Path, submission: Path, data: Path, tmp_path: Path
 ) -> None:

@@ -60,6 +60,7 @@ def decaying_arrivals(times, rng, count=20_000):
     return Arrivals(seconds, direction.astype(np.float32), pressure.astype(np.float32))
 
 
+@pytest.mark.slow
 def test_t30_behind_the_filters_is_what_noise_of_known_decays_reads():
     rng = np.random.default_rng(0)
     found = []

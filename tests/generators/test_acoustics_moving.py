@@ -16,6 +16,7 @@ from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.tracer.air import energy_exponents
 from generators.acoustics.tracer.settings import TraceSettings
 from generators.acoustics.tracks import as_pose, as_track
+from tests.support.tiers import some
 
 F64 = NDArray[np.float64]
 
@@ -55,7 +56,9 @@ def exact(at: Callable[[F64], F64], ear: F64, seconds: F64) -> F64:
 
 
 @pytest.mark.parametrize(
-    ("centre", "turns"), [((0.0, 1.5, 0.0), 0.25), ((0.0, 1.5, 1.2), 0.5)], ids=["itd alone", "doppler and 1/r"]
+    ("centre", "turns"),
+    some([((0.0, 1.5, 0.0), 0.25), ((0.0, 1.5, 1.2), 0.5)], every=2),
+    ids=["itd alone", "doppler and 1/r"],
 )
 def test_a_source_that_circles_in_the_free_field_is_exact(centre: tuple[float, float, float], turns: float) -> None:
     seconds = np.arange(RATE // 2) / RATE
@@ -120,6 +123,7 @@ def error_db(heard: NDArray[np.float32], wanted: F64) -> float:
     return float(10 * np.log10(np.square((heard - wanted)[:, rest]).sum() / np.square(wanted[:, rest]).sum()))
 
 
+@pytest.mark.slow
 def test_a_room_sounds_as_through_many_static_responses() -> None:
     rate, count, listener = 16_000, 250, (4.2, 1.2, 2.9)
     room, signal = in_a_room(rate)
@@ -136,6 +140,7 @@ def test_a_room_sounds_as_through_many_static_responses() -> None:
     assert error_db(heard, through_static(responses(), count, signal)) < -40
 
 
+@pytest.mark.slow
 def test_with_fixed_carriers_the_late_sound_is_that_of_static_responses_too() -> None:
     """The whole clip; `benchmarks.moving_error` has 1,000 responses of full length."""
     rate, count, listener = 8000, 40, (4.2, 1.2, 2.9)
@@ -155,7 +160,7 @@ def test_with_fixed_carriers_the_late_sound_is_that_of_static_responses_too() ->
 
 
 @pytest.mark.parametrize("engine", [acoustics.Tracer(seed=1), acoustics.Analytic()], ids=["tracer", "analytic"])
-@pytest.mark.parametrize("moves", ["source", "listener", "both"])
+@pytest.mark.parametrize("moves", some(["both", "source", "listener"], every=3))
 def test_the_level_is_that_of_static_responses_and_does_not_pump(engine: acoustics.Engine, moves: str) -> None:
     rate = 8000
     room, signal = in_a_room(rate)

@@ -258,6 +258,7 @@ def test_the_rules_of_the_seven_stay_beside_those_of_the_manifest(tmp_path: Path
 # ---- its models -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.floats(0.05, 1.0), st.floats(0.0, 1.0))
 def test_a_model_is_as_tall_as_is_drawn(

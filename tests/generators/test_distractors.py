@@ -39,6 +39,7 @@ from generators.sampling.excluded import what_they_use
 from generators.sampling.rooms import DISTRACTORS_IN, LOOK_ALIKES, MADE_BY
 from generators.sealing.draw import draw_document
 from tests.support.homes import ROOM, write_manifest, write_room
+from tests.support.tiers import some
 
 FIRST = "part_3/box/kitchen/1"
 ENTRY: dict[str, Any] = {
@@ -139,7 +140,7 @@ def test_a_declared_category_takes_the_place_of_a_distractor(tmp_path: Path) -> 
     assert check_category("kettle", silent=True, own=("kettle",)) == "kettle"
 
 
-@pytest.mark.parametrize("category", OFF_SCREEN_CATEGORIES)
+@pytest.mark.parametrize("category", some(OFF_SCREEN_CATEGORIES, every=3))
 def test_the_voice_of_a_sound_is_drawn_and_named(tmp_path: Path, category: str) -> None:
     known = [voice.name for voice in voices(category)]
     training = [voice.name for voice in voices(category) if voice.split == "train"]

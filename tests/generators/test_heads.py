@@ -125,6 +125,7 @@ def test_the_interaural_delay_is_that_of_its_radius_and_ears() -> None:
             assert np.abs(off).max() < 25e-6, f"{azimuth}°: {off * 1e6} µs"
 
 
+@pytest.mark.slow
 def test_ears_mirror_each_other_and_hear_near_sources() -> None:
     found = parametric_head(a_head())
 

@@ -78,6 +78,7 @@ def test_the_same_seed_gives_the_same_place_and_another_seed_another(home: Home)
     assert places[0] == places[1] == places[2] != places[3]
 
 
+@pytest.mark.slow
 def test_objects_that_are_there_stay_and_are_not_hit(scene: HomeScene) -> None:
     both = scene.place([objects.build("kettle"), objects.build("clock", "station")], rng=2)
     assert [each.model.category for each in both.placements] == ["microwave", "kettle", "clock"]
@@ -90,6 +91,7 @@ def test_objects_that_are_there_stay_and_are_not_hit(scene: HomeScene) -> None:
     assert {part.instance_id for part in both.scene().parts} == {0, 1, 2, 3}
 
 
+@pytest.mark.slow
 def test_a_pose_looks_at_the_object_from_the_free_floor(scene: HomeScene, renderer: Renderer) -> None:
     pose = scene.look_at(1)
     assert pose == scene.look_at(1, rng=0) != scene.look_at(1, rng=1)
@@ -187,6 +189,7 @@ def test_a_room_is_found_in_a_scan_without_boxes(room: Path) -> None:
     assert np.allclose([found[0].low, found[0].high], ROOM, atol=0.15)
 
 
+@pytest.mark.slow
 def test_an_exported_home_is_read_again_as_a_scan(scene: HomeScene, tmp_path: Path) -> None:
     again = Home.from_scan(scene.export(tmp_path / "home.glb"), rooms={"kitchen": ROOM})
     pose = scene.look_at(1)

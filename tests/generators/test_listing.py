@@ -123,6 +123,7 @@ def test_a_thumbnail_shows_the_front_in_its_colour(store: Store) -> None:
     assert 10 < rows.min() < rows.max() < 246
 
 
+@pytest.mark.slow
 def test_the_page_is_quiet_in_a_browser_on_a_phone_and_in_the_dark(store: Store, tmp_path: Path) -> None:
     page = write_listing([box(store), tone(store)], store, tmp_path / "out")
     with launch() as browser:

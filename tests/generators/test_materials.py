@@ -64,6 +64,7 @@ def test_materials_do_not_depend_on_the_order_they_are_asked_for() -> None:
             assert a.texture.pixels.tobytes() == b.texture.pixels.tobytes()
 
 
+@pytest.mark.slow
 def test_threads_that_ask_for_a_material_at_once_get_the_same_one(monkeypatch: pytest.MonkeyPatch) -> None:
     roles, made = ("soil", "floor_hall", "metal"), []
     own = Palette.from_seed(np.random.default_rng(9), "industrial")

@@ -319,6 +319,7 @@ def test_a_licence_against_derivatives_is_refused(tmp_path: Path, monkeypatch: p
     assert "CC-BY-ND-4.0 forbids adaptations, and a rendered or mixed asset is one" in done.output
 
 
+@pytest.mark.slow
 def test_three_hours_are_read_where_they_are_needed(tmp_path: Path) -> None:
     rate, length, path = 8000, 3 * 3600, tmp_path / "long.wav"
     size = 2 * length * rate

@@ -17,6 +17,7 @@ from generators.placement.placement import place
 from generators.placement.site import Site
 from generators.placement.spots import Spot
 from tests.support.resting import gaps_below
+from tests.support.tiers import some
 
 FLOOR = Support("floor", "hall", (-1.5, 0.0, -1.5), (3.0, 0.0, 0.0), (0.0, 0.0, 3.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 WALL = Support("wall", "hall", (-1.5, 1.3, -1.5), (3.0, 0.0, 0.0), (0.0, 0.8, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 1.0))
@@ -69,7 +70,7 @@ def posed(mesh: Mesh, spot: Spot) -> Mesh:
     return mesh.transformed(turn, spot.position)
 
 
-@pytest.mark.parametrize("category", ["washing_machine", "kettle", "fan", "telephone"])
+@pytest.mark.parametrize("category", some(["washing_machine", "kettle", "fan", "telephone"], every=4))
 @pytest.mark.parametrize("scale", [0.0, 0.001, 0.003])
 def test_objects_touch_a_noisy_floor_and_never_cut_into_it(category: str, scale: float) -> None:
     where, mesh = site(noise(3, scale)), model(category).mesh

@@ -68,6 +68,7 @@ def tops(triangles: NDArray[np.float32]) -> list[Support]:
     return sorted(found, key=lambda support: support.origin[1])
 
 
+@pytest.mark.slow
 def test_supports_are_where_they_are_on_all_faces(furnished: NDArray[np.float32]) -> None:
     loaded = decimation.for_rays(mesh_of(furnished))
     assert loaded.dense is not None
@@ -95,6 +96,7 @@ def test_rays_meet_the_copy_where_they_meet_the_scan(furnished: NDArray[np.float
     assert np.quantile(error, 0.95) < 0.005
 
 
+@pytest.mark.slow
 def test_a_face_of_the_copy_has_the_colour_of_the_scan_there(furnished: NDArray[np.float32]) -> None:
     copy = decimation.for_rays(mesh_of(furnished)).mesh
     middle = copy.positions.mean(axis=1)[:, 0]
@@ -110,11 +112,13 @@ def test_plain_walls_keep_small_faces() -> None:
     assert edges.max() < 0.35
 
 
+@pytest.mark.slow
 def test_the_copy_does_not_depend_on_the_unit_of_the_file(furnished: NDArray[np.float32]) -> None:
     metres, millimetres = (decimation.for_rays(mesh_of(scale * furnished)).mesh for scale in (1.0, 1000.0))
     assert abs(len(metres.positions) / len(millimetres.positions) - 1) < 0.01
 
 
+@pytest.mark.slow
 def test_rooms_are_found_as_on_all_faces() -> None:
     whole = finely(flat(("living_room", "kitchen"), rng=np.random.default_rng(1)), 0.07, 0.002)
     copy = decimation.for_rays(mesh_of(whole))

@@ -215,6 +215,7 @@ def _world(camera: Intrinsics, pose: Pose, depth: np.ndarray) -> np.ndarray:
     return np.stack([x, y, -depth], axis=2) + np.array(pose.position)
 
 
+@pytest.mark.slow
 def test_a_dense_scan_shows_all_its_faces_with_the_shadow_that_its_copy_has(scan: Scene) -> None:
     (part,) = scan.parts
     mesh = part.mesh
@@ -259,6 +260,7 @@ def test_the_same_object_gives_the_same_bytes(scan: Scene) -> None:
             assert first.light.texels.tobytes() == second.light.texels.tobytes()
 
 
+@pytest.mark.slow
 def test_the_shadow_moves_with_the_object(scan: Scene) -> None:
     places = [PLACE, (2.4, 0.0, 1.7)]
     boxes = [UprightBox((x, y + 0.15, z), (0.3, 0.3, 0.3), 0.0) for x, y, z in places]
@@ -313,6 +315,7 @@ def coal(at: tuple[float, float, float] = PLACE) -> Part:
     return Part("coal", MeshBuilder().box((0.3, 0.3, 0.3), (x, y + 0.15, z), matte(0.02)).build(), instance_id=1)
 
 
+@pytest.mark.slow
 def test_objects_are_as_dark_as_the_fog_over_a_scan_lets_them_be(scan: Scene) -> None:
     black = np.array([0.05, 0.045, 0.04])
     clear, foggy = (insert(each, (coal(),)) for each in (scan, lifted(scan, black)))
@@ -373,6 +376,7 @@ def test_no_face_of_a_scan_is_charted_edge_on() -> None:
     np.testing.assert_allclose(laid_out, true, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_room_without_anything_dark_tells_no_black_level(scan: Scene) -> None:
     """Grey walls and things are no fog: what is placed there keeps its own colours."""
     (part,) = scan.parts

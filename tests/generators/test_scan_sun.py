@@ -81,6 +81,7 @@ def test_the_sun_is_where_its_patch_says_and_shines_there_alone(ceiling: bool) -
     assert found[true].max() == pytest.approx(expected, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_bright_things_that_no_window_explains_are_no_sun() -> None:
     """A long white carpet, stripes, and a floor that is all white."""
     carpet, stripes, white = (np.zeros((40, 35), dtype=bool) for _ in range(3))

@@ -55,6 +55,7 @@ def test_secrets_that_can_be_guessed_are_refused(tmp_path: Path, name: str) -> N
     assert not (tmp_path / "test").exists()
 
 
+@pytest.mark.slow
 def test_random_secrets_are_taken() -> None:
     rng = random.Random(5)
     least = min(estimate_bits(rng.randbytes(32))[0] for _ in range(4_000))
@@ -112,6 +113,7 @@ def test_a_record_that_asks_for_too_much_is_refused(tmp_path: Path, change: dict
         files.read_record(tmp_path / "commitment.json", SecretCommitment)
 
 
+@pytest.mark.slow
 def test_the_commitment_comes_before_the_template(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         run(seal, ["--commit", "-o", str(tmp_path / "test")], program="avs3d")

@@ -71,6 +71,7 @@ def test_gaussians_that_nobody_sees_are_refused(tmp_path: Path) -> None:
         load_cloud(write(tmp_path / "a.ply", table))
 
 
+@pytest.mark.slow
 def test_splats_are_turned_as_the_mesh_is(tmp_path: Path) -> None:
     mesh = homes.write_room(tmp_path / "room.glb")
     flat = load_scan("box", mesh, {"kitchen": homes.ROOM})

@@ -82,6 +82,7 @@ def takes(plan: ObservationPlan) -> list[np.ndarray]:
     return [source.signal.samples for source in sources if source.category == "microwave"]
 
 
+@pytest.mark.slow
 def test_the_level_of_a_source_is_drawn_with_its_take(tmp_path: Path) -> None:
     for name in ("plain", "drawn", "twice"):
         (tmp_path / name).mkdir()
@@ -192,6 +193,7 @@ def test_stretches_of_recordings_are_disjoint_if_they_reach(
         assert not own or own[-1] + seconds <= length + 1e-6
 
 
+@pytest.mark.slow
 def test_siblings_play_other_stretches_of_a_recording(tmp_path: Path) -> None:
     """Five takes of 5 s from recordings of 21 and 6 s; each that is made alone plays what it plays among the others."""
     plans = with_recordings(tmp_path, 21.0, 6.0)

@@ -106,6 +106,7 @@ def test_furniture_hides_the_floor_and_the_ceiling_is_cut_away(folder: Path) -> 
     assert area == pytest.approx((x1 - x0) * (z1 - z0), rel=0.06)
 
 
+@pytest.mark.slow
 def test_what_is_beyond_the_margin_is_left_out_and_what_is_not_there_is_black(folder: Path) -> None:
     scan = load_scan("room", folder, {"kitchen": BOX})
     corner = Room("corner", (1.5, 0.0, 1.0), (2.0, HEIGHT, 1.5))

@@ -16,6 +16,7 @@ from generators.acoustics.tracer.kernels import NEAREST
 from generators.acoustics.tracer.late import rays_for, trace
 from generators.acoustics.tracer.settings import TraceSettings
 from tests.support.acoustic_rooms import box_scene, solid
+from tests.support.tiers import some
 from tests.support.tracer_rooms import (
     KHZ,
     LISTENER,
@@ -76,7 +77,9 @@ def test_the_energy_does_not_depend_on_how_many_orders_are_image_sources(order):
         assert decibels(energies(a).sum() / energies(b).sum()) == pytest.approx(0, abs=0.35)
 
 
-@pytest.mark.parametrize("rain", [{"rain_order": 0}, {"rain_order": 1}, {"rain_order": 2, "rain_rays": 4000}])
+@pytest.mark.parametrize(
+    "rain", some([{"rain_order": 0}, {"rain_order": 1}, {"rain_order": 2, "rain_rays": 4000}], every=3)
+)
 def test_rain_replaces_what_the_discs_would_detect(rain):
     """With walls that scatter all, rain and detection give the same energy in each window of the first reflections."""
     found = whole(box(0.4, 1.0), LISTENERS, 40_000, **rain)

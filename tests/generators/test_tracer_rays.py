@@ -151,6 +151,7 @@ def test_no_ray_leaves_a_closed_box():
     assert np.isfinite(found.first_hits(origins, directions)).all()
 
 
+@pytest.mark.slow
 @given(st.integers(0, 10_000))
 @settings(max_examples=25)
 def test_clearance_is_the_distance_to_the_nearest_point_of_a_triangle(seed):

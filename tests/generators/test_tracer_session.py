@@ -339,6 +339,7 @@ def _respond(name, places):
             assert response.any()
 
 
+@pytest.mark.slow
 def test_no_odd_scene_hangs():
     """Each gives finite numbers or one line, in a process that is ended if it takes long."""
     places = [POSES[0].position, (0.01, 0.01, 0.01), (0.0, 0.0, 0.0), (6.0, 4.0, 3.0), SOURCE_]

@@ -18,6 +18,7 @@ from generators.observation.sources import choose_signal
 from generators.options import GenerateOptions
 from generators.plan import ObservationPlan, make_plans
 from tests.support.homes import write_manifest
+from tests.support.tiers import some
 
 SR = 44_100
 ALL = [voice for category in CATEGORIES for voice in voices(category)]
@@ -45,7 +46,7 @@ def test_a_category_has_at_least_twelve_devices_of_known_and_new_mechanisms(cate
 
 @pytest.mark.parametrize(
     "voice",
-    [pytest.param(voice, marks=[pytest.mark.slow] if number % 5 else []) for number, voice in enumerate(ALL)],
+    some(ALL, every=10),
     ids=name_of,
 )
 def test_a_take_follows_its_seed(voice: Voice) -> None:
@@ -113,6 +114,7 @@ def plans(folder: Path, **changes: Any) -> dict[str, ObservationPlan]:
     return {str(plan.spec.category): plan for plan in found}
 
 
+@pytest.mark.slow
 def test_a_source_plays_one_of_its_voices_and_its_record_names_it(tmp_path: Path) -> None:
     plain = plans(tmp_path)
     voiced, again = (plans(tmp_path, voices={"clock": ["wall_quartz", "flip"]}) for _ in range(2))

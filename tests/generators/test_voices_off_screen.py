@@ -20,6 +20,7 @@ from generators.assets.sounds.loudness import CEILING_DB, normalised
 from generators.assets.sounds.room_tone import slow_curve, spectrum_noise
 from generators.assets.sounds.signals import upsampled
 from tests.support.spectra import strongest
+from tests.support.tiers import some
 
 SR = 44_100
 Array = NDArray[np.float64]
@@ -45,7 +46,7 @@ def test_each_category_has_devices_in_training_and_test() -> None:
 
 @pytest.mark.parametrize(
     "voice",
-    [pytest.param(voice, marks=[pytest.mark.slow] if number % 4 else []) for number, voice in enumerate(VOICES)],
+    some(VOICES, every=4),
     ids=[f"{voice.category}/{voice.name}" for voice in VOICES],
 )
 def test_a_sound_repeats_for_a_seed_and_is_never_silent(voice: Voice) -> None:

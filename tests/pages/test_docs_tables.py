@@ -25,6 +25,7 @@ def copy(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_the_tables_are_current() -> None:
     done = CliRunner().invoke(docs_tables.main, ["--check"], catch_exceptions=False)
     assert done.exit_code == 0, done.output
@@ -56,6 +57,7 @@ def test_a_typed_figure_is_found(copy: Path) -> None:
     assert docs_tables.outdated(copy) == {page: text}
 
 
+@pytest.mark.slow
 def test_the_leaderboard_has_every_file_of_scores(copy: Path) -> None:
     results = copy / "docs/results"
     board = json.loads((results / "leaderboard.json").read_text())

@@ -107,6 +107,7 @@ def test_own_room(tmp_path: Path) -> None:
     run("own_room.py", "flat.glb", "wrong.yaml", folder=tmp_path, code=1)
 
 
+@pytest.mark.slow
 def test_many_responses(tmp_path: Path) -> None:
     pytest.importorskip("numba", reason="the tracer needs the [acoustics] extra")
     run("many_responses.py", "rirs", "--rooms", 1, "--sources", 2, "--listeners", 2, folder=tmp_path)
@@ -114,6 +115,7 @@ def test_many_responses(tmp_path: Path) -> None:
         assert tar.getnames() == [f"{n:08d}.{ending}" for n in range(4) for ending in ("npy", "json")]
 
 
+@pytest.mark.slow
 def test_habitat_sensor(tmp_path: Path) -> None:
     pytest.importorskip("numba", reason="the tracer needs the [acoustics] extra")
     said = run("habitat_sensor.py", folder=tmp_path)
