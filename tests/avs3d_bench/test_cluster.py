@@ -25,9 +25,10 @@ from avs3d_bench.scheduling.tasks import Event, Policy, Success, Task
 from avs3d_bench.validate import validate
 from tests.support import scheduling_tasks as work
 from tests.support.homes import tree_digest, write_manifest
+from tests.support.needs import need
 from tests.support.once import made_once
 
-pytest.importorskip("distributed", reason="distributed is not installed; it is in the cluster extra")
+need("distributed", reason="distributed is not installed; it is in the cluster extra")
 
 ROOT = Path(__file__).parents[2]
 COMMAND = [sys.executable, "-m", "avs3d_bench", "generate"]

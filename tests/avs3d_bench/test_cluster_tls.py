@@ -13,8 +13,9 @@ import yaml
 
 from tests.avs3d_bench.test_cluster import COMMAND, ROOT, SCHEDULER, WORKER, cluster_of
 from tests.support.homes import write_manifest
+from tests.support.needs import need
 
-pytest.importorskip("distributed", reason="distributed is not installed; it is in the cluster extra")
+need("distributed", reason="distributed is not installed; it is in the cluster extra")
 
 TLS = ["--protocol", "tls"]
 

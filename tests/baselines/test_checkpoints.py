@@ -12,9 +12,10 @@ import pytest
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.runtime import imports
+from tests.support.needs import need
 
 torch = pytest.importorskip("torch", reason="torch is not installed: the learned baselines cannot run")
-pytest.importorskip("transformers", reason="transformers is not installed: the learned baselines cannot run")
+need("transformers", reason="transformers is not installed: the learned baselines cannot run")
 
 from baselines.networks import checkpoints  # noqa: E402
 from baselines.networks.checkpoints import CHECKPOINTS, find_checkpoint, load_pretrained, load_weights  # noqa: E402

@@ -21,11 +21,12 @@ from baselines.foundation.protocols import TextMasks
 from baselines.foundation.tracks import ALONE, Sighting, join, sighting
 from tests.support import tiny
 from tests.support.delays import delayed
+from tests.support.needs import need
 from tests.support.shared import SharedDataset
 from tests.support.tiny_scenes import BOTH, FIRST, SILENT
 
 torch = pytest.importorskip("torch", reason="torch is not installed: the learned baselines cannot run")
-pytest.importorskip("transformers", reason="transformers is not installed: the learned baselines cannot run")
+need("transformers", reason="transformers is not installed: the learned baselines cannot run")
 
 from baselines.foundation import run  # noqa: E402
 from tests.support import tiny_foundation  # noqa: E402

@@ -20,9 +20,10 @@ from click.testing import CliRunner
 from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports import write_webdataset
+from tests.support.needs import need
 
 torch = pytest.importorskip("torch", reason="torch is not installed: the listener cannot run")
-pytest.importorskip("lightning_fabric", reason="lightning-fabric is not installed: the listener cannot be trained")
+need("lightning_fabric", reason="lightning-fabric is not installed: the listener cannot be trained")
 
 from baselines.listener import augment, losses, shards, sound_changes, steps, training, validation, weights  # noqa: E402
 from baselines.listener.batches import COUNTERFACTUAL, SOUNDS, UNKNOWN, Sampler, SoundKind, split_homes  # noqa: E402

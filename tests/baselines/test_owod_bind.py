@@ -23,10 +23,11 @@ from baselines.owod_bind import select
 from baselines.owod_bind.boxes import MAX_BOXES, detections
 from baselines.owod_bind.protocols import Detections
 from tests.support import tiny
+from tests.support.needs import need
 from tests.support.shared import SharedDataset
 
 torch = pytest.importorskip("torch", reason="torch is not installed: the learned baselines cannot run")
-pytest.importorskip("transformers", reason="transformers is not installed: the learned baselines cannot run")
+need("transformers", reason="transformers is not installed: the learned baselines cannot run")
 
 from baselines.networks.device import enough_memory, pick_device  # noqa: E402
 from baselines.owod_bind import run  # noqa: E402
