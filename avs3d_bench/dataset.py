@@ -82,6 +82,17 @@ class Frame:
         observation: where it belongs.
         name: e.g. ``frame_007``.
         index: e.g. 7; also the second of its clip.
+
+    Examples:
+        >>> frame = Dataset("data/demo")["part_1/apartment_1/bathroom/1"].frames[4]
+        >>> frame, frame.split
+        (Frame(part_1/apartment_1/bathroom/1, frame_004), 'train')
+        >>> frame.rgb().shape, frame.mask().dtype.name, frame.audio().shape, frame.mono().shape
+        ((64, 64, 3), 'bool', (2, 44100), (88200,))
+        >>> frame.pose.position  # metres, Y up
+        (0.0, 1.5, 0.08)
+        >>> round(frame.record.azimuth), round(frame.record.distance, 1)  # of the source: degrees, metres
+        (6, 2.3)
     """
 
     observation: Observation
@@ -227,7 +238,17 @@ def _pictures(published: PosesRecord) -> dict[str, str]:
 
 
 class Observation:
-    """One observation: the frames that an agent saw and heard on its path past one sounding object."""
+    """One observation: the frames that an agent saw and heard on its path past one sounding object.
+
+    Examples:
+        >>> observation = Observation("data/demo", "part_2/apartment_1/kitchen/1")  # as Dataset("data/demo")[key]
+        >>> observation
+        Observation(part_2/apartment_1/kitchen/1, 9 frames)
+        >>> observation.category, [frame.name for frame in observation.test]
+        ('microwave', ['frame_000', 'frame_008'])
+        >>> observation.intrinsics.width, observation.intrinsics.fx  # pixels
+        (64, 32.0)
+    """
 
     def __init__(self, root: str | Path, key: str, *, use_record: bool = True, truth: str | Path | None = None) -> None:
         """Open the observation ``key`` below ``root``; nothing is read yet.
@@ -472,6 +493,16 @@ class Dataset:
         truth: the folder with the truth of a sealed test; None: there is none, or it is not known.
         open: opens the observation of a key, without a look at ``keys``; it may be sent to another process.
         keys: the keys of its observations, sorted.
+
+    Examples:
+        >>> dataset = Dataset("data/demo")
+        >>> dataset
+        Dataset('data/demo', 2 observations)
+        >>> dataset.keys
+        ('part_1/apartment_1/bathroom/1', 'part_2/apartment_1/kitchen/1')
+        >>> for observation in dataset.select("part_2/*"):
+        ...     print(observation.category, len(observation.train), len(observation.test))
+        microwave 7 2
     """
 
     def __init__(self, root: str | Path, truth: str | Path | None = None) -> None:

@@ -33,7 +33,15 @@ class Avs3dError(Exception):
 
 
 class UsageError(Avs3dError):
-    """The command or the manifest asks for something that does not exist (exit code 2)."""
+    """The command or the manifest asks for something that does not exist (exit code 2).
+
+    Examples:
+        >>> try:
+        ...     Dataset("data/nowhere")
+        ... except UsageError as error:
+        ...     print(error, error.exit_code)
+        data/nowhere: no such folder; expected the root of a dataset 2
+    """
 
     exit_code = 2
 

@@ -7,6 +7,14 @@ at (u + 0.5, v + 0.5). Depth is metric z along the optical axis. Azimuth: 0 ahea
 COLMAP (`to_colmap`, `from_colmap`, `flip_world`): OpenCV cameras (+Y down, +Z ahead) in a world turned by 180° about
 X, so that Y points down: (x, y, z) → (x, −y, −z). Gravity stays on an axis, because the official pipeline reads the
 xz plane as the floor; with Y up its left/right test would come out mirrored. COLMAP's pixel centres are ours.
+
+Examples:
+    >>> pose = Pose.from_yaw((0, 1.5, 0), np.pi / 2)  # turned left by 90°: looks along −X
+    >>> direction = geometry.direction_to(pose, (0, 1.5, -2))
+    >>> round(direction.azimuth, 6), round(direction.elevation, 6), direction.distance  # degrees, degrees, metres
+    (90.0, 0.0, 2.0)
+    >>> round(geometry.rotation_angle(pose, Pose.from_yaw((0, 0, 0), 0)), 6)  # degrees
+    90.0
 """
 
 from __future__ import annotations
@@ -87,7 +95,16 @@ class Pose:
 
 @dataclass(frozen=True)
 class Intrinsics:
-    """A pinhole camera without distortion; all in pixels."""
+    """A pinhole camera without distortion; all in pixels.
+
+    Examples:
+        >>> camera = Intrinsics.from_fov(512)
+        >>> round(camera.fx, 6), camera.cx
+        (256.0, 256.0)
+        >>> pixels, depth = camera.project(Pose.from_yaw((0, 1.5, 0), 0.0), [(1, 1.5, -2)])  # 1 m right, 2 m ahead
+        >>> pixels.round(6).tolist(), depth.tolist()  # (column, row), metres
+        ([[384.0, 256.0]], [2.0])
+    """
 
     width: int
     height: int

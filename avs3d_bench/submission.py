@@ -54,6 +54,13 @@ class Prediction:
         mask: (H, W) bool, or whole numbers 0 and 1, or 0 and 255.
         categories: (H, W) class ids (`avs3d_bench.contract.taxonomy.class_ids`), 0 for nothing; None for none. In
             part_3 only.
+
+    Examples:
+        >>> ids = np.zeros((48, 64), np.uint8)
+        >>> ids[10:20, 30:50] = 4  # microwave
+        >>> found = Prediction(mask=ids > 0, categories=ids)  # a method of part_3 returns one for each test frame
+        >>> int(np.count_nonzero(found.mask)), np.unique(found.categories).tolist()
+        (200, [0, 4])
     """
 
     mask: ArrayLike
@@ -187,6 +194,16 @@ class SubmissionWriter:
         dataset: what the submission is for.
         observations: those it covers, sorted by key.
         record: what submission.json will hold.
+
+    Examples:
+        >>> with SubmissionWriter("boxes", Dataset("data/demo"), method="boxes 1.0", overwrite=True) as writer:
+        ...     for observation in writer.observations:
+        ...         for frame in observation.test:
+        ...             mask = np.zeros(frame.rgb().shape[:2], bool)
+        ...             mask[16:48, 16:48] = True
+        ...             writer.write_mask(frame, mask)
+        >>> writer.record.method, len(writer.observations)
+        ('boxes 1.0', 2)
     """
 
     def __init__(

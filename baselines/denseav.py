@@ -15,6 +15,15 @@ rule that makes a mask of it:
 The network is a LightningModule with the methods of `Network`; its weights are a local file (see
 `baselines.networks.checkpoints`). Its constructor also wants HuBERT and DINO, from the caches of huggingface_hub and
 torch.hub.
+
+Examples:
+    >>> similarity = np.array([[-0.2, 0.1], [0.3, 0.9]])  # of four patches with the clip
+    >>> (scaled,) = denseav.min_max([similarity])
+    >>> denseav.mark(scaled, (4, 4), threshold=0.5).astype(int)
+    array([[0, 0, 0, 0],
+           [0, 0, 0, 0],
+           [0, 0, 1, 1],
+           [0, 0, 1, 1]])
 """
 
 from __future__ import annotations

@@ -8,6 +8,15 @@ Any number of instances may be audible in a frame: in part_1 and part_2 the one 
 (then nothing is marked). An error means the same for several: a swap takes a silent twin for each sounding instance
 that has one; a confused neighbour is marked while something of the room is audible, and named as the category that it
 is mistaken for. Class ids, which only submissions of part_3 have, follow the marked instances.
+
+Examples:
+    >>> from avs3d_bench import Dataset
+    >>> dataset = Dataset("data/demo")
+    >>> frame = dataset["part_2/apartment_1/kitchen/1"].frames[4]
+    >>> [int(oracle.oracle_mask(frame, instance=which).sum()) for which in ("category", "sounding")]  # pixels
+    [118, 60]
+    >>> oracle.write_oracle(dataset, "oracle", instance="sounding", overwrite=True).record.method
+    'oracle (sounding)'
 """
 
 from __future__ import annotations

@@ -19,6 +19,14 @@ References:
     (1976) 320–327.
     R. S. Woodworth, *Experimental Psychology*, Holt 1938, pp. 520–523.
     J. Blauert, *Spatial Hearing*, MIT Press 1997, §2.4 (interaural cues), §2.3.1 (level and distance).
+
+Examples:
+    >>> from avs3d_bench import Dataset
+    >>> writers = references.write_references(Dataset("data/listen"), "references", overwrite=True)
+    >>> list(writers)
+    ['category', 'level', 'ild', 'gcc-phat']
+    >>> references.level_difference(np.array([[0.1, 0.1], [0.2, 0.2]])) > 0  # the right ear is louder
+    True
 """
 
 from __future__ import annotations

@@ -108,6 +108,23 @@ def evaluate(
             another size, type or values.
 
     docs/metrics-python.md and examples/score_a_method.py have examples that run.
+
+    Examples:
+        >>> scores = evaluate("data/demo-submissions/oracle", "data/demo").scores
+        >>> round(scores.parts["part_2"].official.mIoU, 3)
+        0.992
+        >>> from avs3d_bench import Dataset
+        >>> dataset = Dataset("data/demo")
+        >>> white = {o.key: [np.ones(f.rgb().shape[:2], bool) for f in o.test] for o in dataset}  # masks in memory
+        >>> print(evaluate(white, dataset, protocols="strict").scores)
+        'in memory' on demo 1, 2 observations: strict IoU 0.015, strict F 0.019
+                                    part_1 (1)  part_2 (1)  overall (2)
+        strict.IoU                       0.015           –        0.015
+        strict.F                         0.019           –        0.019
+        strict.boundary_F                0.000           –        0.000
+        strict.FP_rate                   1.000       1.000        1.000
+        strict.FP_area                   1.000       1.000        1.000
+        strict.wrong_instance_rate           –       1.000        1.000
     """
     patterns = (only,) if isinstance(only, str) else tuple(only)
     wanted = _known_protocols(protocols)

@@ -140,6 +140,13 @@ def verify(
         UsageError: if a path is no file of scores, no submission or no dataset.
         InvalidSubmission: if a file of the submission is bad; the report names every one.
         Avs3dError: if the dataset is damaged.
+
+    Examples:
+        >>> verify("data/demo-scores/oracle.json", "data/demo-submissions/oracle", "data/demo").same
+        True
+        >>> other = verify("data/demo-scores/oracle.json", "data/demo-submissions/centre-box", "data/demo")
+        >>> other.same, [difference.where for difference in other.differences[:2]]
+        (False, ['submission.digest', 'submission.method'])
     """
     try:
         recorded = read_scores(Path(score_file), check=False)

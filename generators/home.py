@@ -41,6 +41,15 @@ class Home(HomeScene):
 
     Args:
         scene: the home with its light, as `Home.apartment` and `Home.from_scan` make it.
+
+    Examples:
+        >>> home = Home.from_scan("room.glb", rooms={"kitchen": [[0, 0, 0], [4, 2.6, 3.6]]})
+        >>> home
+        <Home room: kitchen; no objects placed>
+        >>> home.room("kitchen").high  # metres, Y up
+        (4.0, 2.6, 3.6)
+        >>> home.place(objects.build("microwave", seed=3), on="worktop", rng=1)
+        <HomeScene room: kitchen; 1: microwave/black in the kitchen>
     """
 
     def __init__(self, scene: Scene) -> None:

@@ -1,9 +1,10 @@
 """Objects to place in a home: procedural models of twelve categories, and meshes of one's own.
 
-from generators import objects
-
-microwave = objects.build("microwave", seed=3)
-mine = objects.load("kettle.glb", "kettle", height=0.24)
+Examples:
+    >>> from generators import Home, objects
+    >>> home = Home.from_scan("room.glb", rooms={"kitchen": [[0, 0, 0], [4, 2.6, 3.6]]})
+    >>> home.place([objects.build("microwave", seed=3), objects.build("clock", seed=1)], rng=2)
+    <HomeScene room: kitchen; 1: microwave/black in the kitchen; 2: clock/square in the kitchen>
 """
 
 from __future__ import annotations
@@ -86,6 +87,13 @@ def load(
     Raises:
         UsageError: for an unknown category without ``mount``, or axes that are not perpendicular.
         Avs3dError: if the file is missing or no mesh, or the height is not plausible.
+
+    Examples:
+        >>> import trimesh
+        >>> _ = trimesh.creation.cylinder(radius=7, height=24).export("kettle.ply")  # in centimetres, along z
+        >>> kettle = load("kettle.ply", "kettle", height=0.24, up="z", front="+y")
+        >>> kettle.name, [round(side, 2) for side in kettle.size]  # width, height, depth (m)
+        ('kettle.ply', [0.14, 0.24, 0.14])
     """
     usual = usual_of(category) if mount is None else CategoryDefaults(height or 0.3, mount, 0.5)
     terms = licence or Licence("unknown", "unknown", Path(path).name)

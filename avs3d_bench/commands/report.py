@@ -32,6 +32,17 @@ class Problem:
         severity: ``error`` makes the dataset invalid, ``warning`` does not, ``note`` names what could not be checked.
         path: file or folder relative to the dataset's root.
         message: what was found, what was expected.
+
+    Examples:
+        >>> import shutil
+        >>> from pathlib import Path
+        >>> damaged = Path(shutil.copytree("data/demo", "damaged", dirs_exist_ok=True))
+        >>> (damaged / "part_1/apartment_1/bathroom/1/audio_clips_mono/frame_3.wav").unlink(missing_ok=True)
+        >>> problem = validate("damaged").problems[0]
+        >>> problem.severity, problem.path
+        ('error', 'part_1/apartment_1/bathroom/1/audio_clips_mono/frame_3.wav')
+        >>> print(problem.message)
+        listed in observation.json, but missing
     """
 
     severity: Severity
@@ -49,6 +60,13 @@ class Report:
         observations: how many were looked at.
         files: how many files were looked at.
         problems: sorted by path, then severity.
+
+    Examples:
+        >>> report = validate("data/demo")
+        >>> report.valid, report.count("warning"), report.problems
+        (True, 0, ())
+        >>> print(report.summary)
+        0 errors, 0 warnings, 0 notes in 2 observations (121 files, shallow): valid
     """
 
     root: Path

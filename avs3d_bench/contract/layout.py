@@ -5,6 +5,15 @@
         input/frame_000.png …  audio_clips_binaural/frame_0.wav …                 (`expected_files` lists all)
 
 Image folders pad the frame number to three digits, audio folders do not pad it: the official tools look them up so.
+
+Examples:
+    >>> key = layout.parse_key("part_2/apartment_1/kitchen/1")
+    >>> key.part, key.room
+    ('part_2', 'kitchen')
+    >>> layout.image_path(layout.INPUT, 7), layout.audio_path(layout.BINAURAL, 7)
+    ('input/frame_007.png', 'audio_clips_binaural/frame_7.wav')
+    >>> [layout.is_test(index) for index in (0, 1, 8)]
+    [True, False, True]
 """
 
 from __future__ import annotations

@@ -157,6 +157,12 @@ def write_card(root: str | Path, output: str | Path) -> None:
     Raises:
         UsageError: if there is no dataset, or ``output`` is another file.
         Avs3dError: if a record does not fit the schema, or the system refuses.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> write_card("data/demo", "card.md")
+        >>> [line for line in Path("card.md").read_text("utf-8").splitlines() if line.startswith("#")][:3]
+        ['# demo 1', '## Contents', '## Rooms and sound']
     """
     dataset, keys = select(root)
     check_output(dataset, output, CARD)

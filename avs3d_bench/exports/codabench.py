@@ -159,6 +159,21 @@ def write_codabench(
     Raises:
         UsageError: if a setting makes no sense, one of the roots is no dataset, or ``output`` is another file.
         Avs3dError: if ``public`` holds truth, ``private`` lacks some, or a file is damaged.
+
+    Examples:
+        >>> import shutil
+        >>> from datetime import datetime
+        >>> # The truth; `avs3d seal` takes it out of a new test.
+        >>> truth = ("semantic_masks", "instance_masks", "gt_3d", "observation.json")
+        >>> public = shutil.copytree("data/demo", "public", ignore=shutil.ignore_patterns(*truth), dirs_exist_ok=True)
+        >>> from avs3d_bench.exports.codabench import CompetitionSettings
+        >>> settings = CompetitionSettings(
+        ...     "Demo", docker_image="someone/avs3d-evaluator:0.1.0", start=datetime(2027, 1, 1),
+        ...     data_url="https://example.org/data",
+        ... )
+        >>> written = write_codabench(public, "data/demo", "bundle.zip", settings)
+        >>> [(phase.name, phase.masks) for phase in written.phases]
+        [('Test', 4)]
     """
     data, truth = Dataset(public), Dataset(private)
     read = (Path(public), Path(private), settings.image, settings.terms, settings.practice)

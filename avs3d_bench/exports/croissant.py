@@ -120,6 +120,15 @@ def write_croissant(
     Raises:
         UsageError: if there is no dataset, ``output`` is not in its root, or ``url`` or ``published`` cannot be one.
         Avs3dError: if dataset.json is damaged or the system refuses.
+
+    Examples:
+        >>> import json
+        >>> import shutil
+        >>> from pathlib import Path
+        >>> root = Path(shutil.copytree("data/demo", "published", dirs_exist_ok=True))
+        >>> write_croissant(root, root / "croissant.json", url="https://example.org/demo", published="2026-01-31")
+        >>> [record["name"] for record in json.loads((root / "croissant.json").read_text("utf-8"))["recordSet"]]
+        ['observations', 'frames', 'rgb', 'masks', 'instance_masks', 'binaural', 'mono']
     """
     dataset, keys = select(root)
     check_output(dataset, output, CROISSANT)

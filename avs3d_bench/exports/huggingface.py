@@ -249,6 +249,15 @@ def write_huggingface(
     Raises:
         UsageError: if an argument asks for something that does not exist, or ``folder`` holds something else.
         Avs3dError: if `datasets` is missing, a file is missing or damaged, or the system refuses (full disk, …).
+
+    Examples:
+        >>> index = write_huggingface("data/demo", "hub", split="test", workers=1)
+        >>> index.splits["test"].samples, [shard.file for shard in index.shards]
+        (4, ['data/test-00000-of-00001.parquet'])
+        >>> from datasets import load_dataset
+        >>> row = load_dataset("hub", split="test", cache_dir="cache")[0]
+        >>> row["rgb"].size, waveform(row["binaural"])[0].shape
+        ((64, 64), (2, 44100))
     """
     dataset, keys = select(root, only)
     chosen, wanted = check_split(split), check_extras(extras)
@@ -290,6 +299,13 @@ def waveform(value: dict[str, Any]) -> tuple[NDArray[np.float32], int]:
 
     Raises:
         Avs3dError: if there are no bytes, or they are no sound file.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> wav = Path("data/demo/part_1/apartment_1/bathroom/1/audio_clips_binaural/frame_0.wav")
+        >>> samples, rate = waveform({"bytes": wav.read_bytes(), "path": wav.name})
+        >>> samples.shape, samples.dtype.name, rate
+        ((2, 44100), 'float32', 44100)
     """
     import soundfile
 

@@ -47,6 +47,11 @@ def shard_paths(root: str | Path, split: str = "all") -> list[str]:
     Raises:
         UsageError: if there are none, or the names of tars without an index do not tell the split.
         Avs3dError: if the folder is not what its `shards.json` says.
+
+    Examples:
+        >>> _ = write_webdataset("data/demo", "tars", workers=1)
+        >>> shard_paths("tars"), shard_paths("tars", split="test")
+        (['tars/test-000000.tar', 'tars/train-000000.tar'], ['tars/test-000000.tar'])
     """
     wanted, found = check_split(split), list_shards(root)
     if wanted != "all" and any(shard.split is None for shard in found):

@@ -90,6 +90,15 @@ class AVS3DDataset(_TorchDataset[Item]):
         root: the dataset's folder.
         split: ``train``, ``test`` or ``all``.
         keys: keys of the observations.
+
+    Examples:
+        >>> from torch.utils.data import DataLoader
+        >>> dataset = AVS3DDataset("data/demo", split="train", only=["part_1/*"])
+        >>> batch = next(iter(DataLoader(dataset, batch_size=4)))
+        >>> batch["rgb"].shape, batch["rgb"].dtype, batch["binaural"].shape, batch["mask"].shape
+        (torch.Size([4, 3, 64, 64]), torch.uint8, torch.Size([4, 2, 44100]), torch.Size([4, 64, 64]))
+        >>> batch["category"], batch["azimuth"].round().tolist()  # degrees, positive to the right
+        (['microwave', 'microwave', 'microwave', 'microwave'], [37.0, 28.0, 17.0, 6.0])
     """
 
     def __init__(

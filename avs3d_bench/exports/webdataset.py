@@ -85,6 +85,13 @@ def write_webdataset(
     Raises:
         UsageError: if an argument asks for something that does not exist, or ``folder`` holds something else.
         Avs3dError: if a file is missing or damaged, or the system refuses (full disk, …).
+
+    Examples:
+        >>> index = write_webdataset("data/demo", "shards", split="train", workers=1)
+        >>> index.splits["train"].samples, [shard.file for shard in index.shards]
+        (14, ['train-000000.tar'])
+        >>> [path.rpartition("/")[2] for path in shard_paths("shards", split="train")]
+        ['train-000000.tar']
     """
     dataset, keys = select(root, only)
     chosen, wanted = check_split(split), check_extras(extras)
@@ -122,6 +129,14 @@ def decode_sample(sample: Mapping[str, Any]) -> dict[str, Any]:
 
     Raises:
         Avs3dError: if a member is damaged; the sample and the member are named.
+
+    Examples:
+        >>> from avs3d_bench.exports.shard_files import read_samples  # or webdataset.WebDataset(shard_paths(…))
+        >>> from pathlib import Path
+        >>> _ = write_webdataset("data/demo", "decoded", split="test", workers=1)
+        >>> sample = decode_sample(next(read_samples(Path("decoded/test-000000.tar"))))
+        >>> sample["rgb"].shape, sample["binaural"].shape, sample["mask"].dtype.name, sample["facts"]["frame"]
+        ((3, 64, 64), (2, 44100), 'bool', 'frame_000')
     """
     import soundfile
 

@@ -5,6 +5,15 @@ along the optical axis, on disk 16-bit millimetres with 0 = nothing met; sound (
 
 Sound is stored as 32-bit float: a source behind two walls is 40–60 dB below a near one, and 16 bits would leave it
 40 dB or less above the quantisation noise. The header has no PEAK chunk: libsndfile would put the time into it.
+
+Examples:
+    >>> mask = np.arange(12).reshape(3, 4) > 6  # (H, W) bool
+    >>> media.write_png_mask("mask.png", mask)
+    >>> bool((media.read_png_mask("mask.png") == mask).all())
+    True
+    >>> media.write_wav("tone.wav", 0.1 * np.sin(np.arange(4410) / 5), rate=44_100)  # (n,) or (channels, n)
+    >>> media.wav_header("tone.wav")
+    WavHeader(rate=44100, channels=1, samples=4410, subtype='FLOAT')
 """
 
 from __future__ import annotations

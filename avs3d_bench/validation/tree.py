@@ -52,6 +52,12 @@ def validate(root: str | Path, *, deep: bool = False, workers: int | None = 1, p
 
     Raises:
         UsageError: if ``root`` is no folder or holds no dataset, or is the private side of a sealed test or its parent.
+
+    Examples:
+        >>> validate("data/demo").valid  # names, counts, sizes
+        True
+        >>> print(validate("data/demo", deep=True).summary)  # every file is decoded
+        0 errors, 0 warnings, 0 notes in 2 observations (121 files, deep): valid
     """
     base = Path(root)
     _refuse_other_sides(base)

@@ -5,6 +5,17 @@
 `training_stage` and `voting_stage` keep what takes long. `run` and `jobs` do that for a dataset on several devices,
 `kernels` and `memory` are what their processes share. All coordinates are in the world of `sparse/0` (Y down, metres,
 OpenCV cameras). Importing the package itself imports no torch.
+
+Examples:
+    >>> from avs3d_bench import Dataset
+    >>> from baselines.echosegnet.train import DensityControl, TrainingSettings
+    >>> few = TrainingSettings(iterations=20, density=DensityControl(pixels_per_gaussian=20))  # for a trial
+    >>> writer = echosegnet.write_echosegnet(
+    ...     Dataset("data/demo"), "splats", echosegnet.OracleMasks(), echosegnet.Settings(training=few),
+    ...     work="work", devices=("cpu",), only=["part_1/*"], overwrite=True,
+    ... )
+    >>> sorted(path.name for path in writer.path.rglob("*.png"))
+    ['frame_000.png', 'frame_008.png']
 """
 
 import lazy_loader

@@ -76,6 +76,10 @@ class Settings:
         voting_threshold: a Gaussian is labelled if more than this share of its votes is for it (`default_threshold`).
         decompose_every: decomposition looks at every so many train views.
         training: of the Gaussians.
+
+    Examples:
+        >>> Settings(variant="spatial", voting_threshold=0.4).training.iterations
+        30000
     """
 
     variant: Variant = "official"
@@ -113,6 +117,12 @@ class Prediction:
         points: (N, 3) float64 centres of the chosen Gaussians, metres, world of the dataset (Y up).
         figures: seconds per stage, numbers of Gaussians and clusters.
         categories: name of a test frame of part_3 → (H, W) class ids; None elsewhere, and if the masks have no classes.
+
+    Examples:
+        >>> mask = np.zeros((48, 64), bool)
+        >>> found = Prediction({"frame_000": mask}, points=np.zeros((0, 3)), figures={"gaussians": 0})
+        >>> found.masks["frame_000"].shape, len(found.points), found.categories
+        ((48, 64), 0, None)
     """
 
     masks: dict[str, Mask]
@@ -134,6 +144,17 @@ def predict(
 
     Raises:
         Avs3dError: if the observation lacks a sparse model, sound or masks, or training diverges or runs out of memory.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> from avs3d_bench import Dataset
+        >>> from baselines.echosegnet.rasteriser.default import default_rasteriser
+        >>> from baselines.echosegnet.train import DensityControl, TrainingSettings
+        >>> few = TrainingSettings(iterations=20, density=DensityControl(pixels_per_gaussian=20))
+        >>> observation = Dataset("data/demo")["part_1/apartment_1/bathroom/1"]
+        >>> found = predict(observation, OracleMasks(), default_rasteriser("cpu"), Settings(training=few), Path("work"))
+        >>> sorted(found.masks), found.points.shape[1]
+        (['frame_000', 'frame_008'], 3)
     """
     stages, clock = Stages(folder), _Clock()
     views = load_views(observation)

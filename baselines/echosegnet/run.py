@@ -127,6 +127,17 @@ def write_echosegnet(
         UsageError: if no observation matches, the target is not free, or a device does not exist.
         Avs3dError: if something that the pipeline needs is missing, damaged or too large. The other observations are
             done all the same, and a rerun with the same ``work`` takes them from there.
+
+    Examples:
+        >>> from avs3d_bench import Dataset
+        >>> from baselines.echosegnet.train import DensityControl, TrainingSettings
+        >>> few = TrainingSettings(iterations=20, density=DensityControl(pixels_per_gaussian=20))  # for a trial
+        >>> settings = Settings(variant="spatial", training=few)
+        >>> dataset = Dataset("data/demo")
+        >>> options = {"work": "work", "devices": ("cpu",), "only": ["part_1/*"]}
+        >>> writer = write_echosegnet(dataset, "echosegnet", OracleMasks(), settings, **options)
+        >>> writer.record.method
+        'EchoSegnet, spatial, masks: oracle (category)'
     """
     writer = _writer(dataset, path, source, settings, only, overwrite)
     with writer:
@@ -162,7 +173,19 @@ def write_sweep(
     thresholds: Sequence[float] = SWEEP,
     **options: Unpack[RunOptions],
 ) -> tuple[SubmissionWriter, ...]:
-    """One submission per voting threshold, ``<path>/voting-threshold-0.3`` and so on; else as `write_echosegnet`."""
+    """One submission per voting threshold, ``<path>/voting-threshold-0.3`` and so on; else as `write_echosegnet`.
+
+    Examples:
+        >>> from avs3d_bench import Dataset
+        >>> from baselines.echosegnet.train import DensityControl, TrainingSettings
+        >>> few = TrainingSettings(iterations=20, density=DensityControl(pixels_per_gaussian=20))  # for a trial
+        >>> options = {"work": "work", "devices": ("cpu",), "only": ["part_1/*"]}
+        >>> writers = write_sweep(
+        ...     Dataset("data/demo"), "sweep", OracleMasks(), Settings(training=few), thresholds=(0.3, 0.5), **options
+        ... )
+        >>> [writer.path.name for writer in writers]
+        ['voting-threshold-0.3', 'voting-threshold-0.5']
+    """
     writers = []
     for threshold in thresholds:
         mine = replace(settings, voting_threshold=threshold)

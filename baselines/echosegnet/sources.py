@@ -39,6 +39,13 @@ class OracleMasks:
     Attributes:
         instance: ``category``, the ambiguous masks of a perfect detector without sound, or ``sounding``.
         errors: what goes wrong.
+
+    Examples:
+        >>> from avs3d_bench import Dataset
+        >>> frame = Dataset("data/demo")["part_2/apartment_1/kitchen/1"].train[3]
+        >>> source = OracleMasks("sounding")
+        >>> source.name, source.mask(frame).shape
+        ('oracle (sounding)', (64, 64))
     """
 
     instance: Instance = "category"
@@ -69,6 +76,15 @@ class FolderMasks:
     """Masks on disk: ``<folder>/<key>/<frame>.png``, 0 and 255, at the size of the frame.
 
     A frame without a file has an empty mask; an observation without any is an error.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> from avs3d_bench import Dataset, media
+        >>> frame = Dataset("data/demo")["part_1/apartment_1/bathroom/1"].train[3]
+        >>> media.write_png_mask(f"masks/{frame.observation.key}/{frame.name}.png", frame.mask())
+        >>> source = FolderMasks(Path("masks"))
+        >>> source.name, bool((source.mask(frame) == frame.mask()).all())
+        ('masks', True)
     """
 
     folder: Path

@@ -20,6 +20,14 @@ References:
     N. Carion et al., "SAM 3: Segment Anything with Concepts", 2025.
     S. Liu et al., "Grounding DINO: Marrying DINO with grounded pre-training for open-set object detection", ECCV 2024.
     N. Ravi et al., "SAM 2: Segment anything in images and videos", 2024.
+
+Examples:
+    >>> from avs3d_bench import Dataset
+    >>> from baselines import foundation
+    >>> model = foundation.load_foundation(folders={"clap": "weights/clap", "sam3": "weights/sam3"}, device="cpu")
+    >>> writer = foundation.write_foundation(Dataset("data/demo"), "named", model, only=["part_1/*"], overwrite=True)
+    >>> sorted(path.name for path in writer.path.rglob("*.png"))
+    ['frame_000.png', 'frame_008.png']
 """
 
 import lazy_loader

@@ -54,6 +54,13 @@ class Foundation:
         segmenter: segments what a text names.
         device: the `torch.device` they run on.
         checkpoints: name and sha256 of the weights, for submission.json.
+
+    Examples:
+        >>> model = load_foundation(folders={"clap": "weights/clap", "sam3": "weights/sam3"}, device="cpu")
+        >>> from avs3d_bench import Dataset
+        >>> found = model(Dataset("data/demo")["part_1/apartment_1/bathroom/1"].test)  # of one observation
+        >>> [prediction.mask.shape for prediction in found], found[0].categories
+        ([(64, 64), (64, 64)], None)
     """
 
     tagger: SoundTagger
@@ -231,6 +238,11 @@ def load_foundation(
     Raises:
         UsageError: if a folder is not named, a package or the device is missing.
         Avs3dError: if a checkpoint is missing or broken.
+
+    Examples:
+        >>> model = load_foundation(folders={"clap": "weights/clap", "sam3": "weights/sam3"}, device="cpu")
+        >>> model.method
+        'foundation (CLAP, SAM 3)'
     """
     from baselines.foundation.clap import ClapTagger
 
@@ -291,6 +303,13 @@ def write_foundation(
     Raises:
         UsageError: if no observation matches, or the target is not free.
         Avs3dError: if a file is missing or damaged, memory runs out, or the system refuses.
+
+    Examples:
+        >>> model = load_foundation(folders={"clap": "weights/clap", "sam3": "weights/sam3"}, device="cpu")
+        >>> from avs3d_bench import Dataset
+        >>> writer = write_foundation(Dataset("data/demo"), "foundation", model, only=["part_1/*"], overwrite=True)
+        >>> len(writer.observations), writer.record.method
+        (1, 'foundation (CLAP, SAM 3)')
     """
     method = Method(model.method, model, notes=model.notes, entry="baselines.foundation.run:write_foundation")
     return write_submission(dataset, path, method, only=only, overwrite=overwrite, progress=progress)

@@ -39,6 +39,11 @@ class Settings:
         seed: of weights, batches and augmentation.
         widths: size of the network.
         without: names of `augment.CHANGES` that are left out, in alphabetical order.
+
+    Examples:
+        >>> settings = Settings(steps=10_000, batch=64, seed=1)
+        >>> [round(settings.rate_at(step), 5) for step in (0, 400, 9_999)]  # rises, then falls
+        [0.0, 0.0015, 2e-05]
     """
 
     steps: int

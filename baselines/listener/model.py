@@ -63,6 +63,13 @@ class Widths:
         audio: channels of the sound's encoder; the last is also that of the tokens, and of the attention.
         attention: layers of it.
         unknown: whether it also says how probable it is that something is heard which it cannot name.
+
+    Examples:
+        >>> small = Widths(
+        ...     image=(8, 8, 16, 16, 16), blocks=(0, 1, 1, 1, 1), decoder=(16, 16, 8, 8), audio=(8, 8, 16, 16)
+        ... )
+        >>> Listener(small).settings["decoder"]
+        [16, 16, 8, 8]
     """
 
     image: tuple[int, ...] = (32, 64, 128, 256, 256)
@@ -262,6 +269,16 @@ class Listener(nn.Module):
 
     Args:
         widths: its size; the default has fewer than 7 million parameters.
+
+    Examples:
+        >>> import torch
+        >>> small = Widths(
+        ...     image=(8, 8, 16, 16, 16), blocks=(0, 1, 1, 1, 1), decoder=(16, 16, 8, 8), audio=(8, 8, 16, 16)
+        ... )
+        >>> network = Listener(small).eval()
+        >>> answer = network(torch.rand(1, 3, 64, 96))  # a picture without sound: classes of its pixels
+        >>> answer.classes.shape, answer.mask.shape
+        (torch.Size([1, 8, 32, 48]), torch.Size([0, 32, 48]))
     """
 
     def __init__(self, widths: Widths | None = None) -> None:

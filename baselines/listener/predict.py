@@ -248,6 +248,13 @@ def load_method(
     Raises:
         UsageError: if there is no such device.
         Avs3dError: if the weights are missing, damaged, or of another version.
+
+    Examples:
+        >>> from avs3d_bench import Dataset
+        >>> method = load_method("weights/listener.safetensors", device="cpu", looks="one")  # no file: the package's
+        >>> frames = Dataset("data/demo")["part_1/apartment_1/bathroom/1"].test
+        >>> [np.asarray(found.mask).shape for found in method.predictions(frames)]
+        [(64, 64), (64, 64)]
     """
     from baselines.listener.weights import read_weights
 
@@ -287,6 +294,13 @@ def write_listener(
     Raises:
         UsageError: if no observation matches, or the target is not free.
         Avs3dError: if a file is missing or damaged, memory runs out, or the system refuses.
+
+    Examples:
+        >>> from avs3d_bench import Dataset
+        >>> method = load_method("weights/listener.safetensors", device="cpu", looks="one")
+        >>> writer = write_listener(Dataset("data/demo"), "listener", method, only=["part_2/*"], overwrite=True)
+        >>> [observation.key for observation in writer.observations]
+        ['part_2/apartment_1/kitchen/1']
     """
     name = ", ".join(filter(None, ("Listener", SAID[model.hearing])))
     method = Method(name, model.predictions, notes=model.notes, entry="baselines.listener.predict:write_listener")

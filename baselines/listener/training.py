@@ -45,6 +45,16 @@ def prepare(
     Raises:
         UsageError: if there are no shards.
         Avs3dError: if shards are damaged or lack what training needs.
+
+    Examples:
+        >>> from avs3d_bench.exports import write_webdataset
+        >>> from lightning_fabric import Fabric
+        >>> fabric = Fabric(accelerator="cpu", devices=1, precision="32-true")
+        >>> fabric.launch()
+        >>> _ = write_webdataset("data/listen", "listen-shards", workers=1)
+        >>> store = prepare("listen-shards", "prepared", fabric, workers=1)
+        >>> store.pictures.shape, store.sounds.shape, len(store.table.groups)
+        ((6, 252, 252, 3), (30, 2, 44100), 6)
     """
     folder = Path(folder)
     if fabric.global_rank == 0:
@@ -76,6 +86,24 @@ def train(
     Raises:
         UsageError: if the folder's run has other settings or data.
         Avs3dError: if memory does not suffice, or the loss is no number any more.
+
+    Examples:
+        >>> from avs3d_bench.exports import write_webdataset
+        >>> from lightning_fabric import Fabric
+        >>> fabric = Fabric(accelerator="cpu", devices=1, precision="32-true")
+        >>> fabric.launch()
+        >>> from baselines.listener.steps import Schedule
+        >>> _ = write_webdataset("data/listen", "train-shards", workers=1)
+        >>> store = prepare("train-shards", "run/cache", fabric, workers=1)
+        >>> small = Widths(
+        ...     image=(8, 8, 16, 16, 16), blocks=(0, 1, 1, 1, 1), decoder=(16, 16, 8, 8), audio=(8, 8, 16, 16)
+        ... )
+        >>> settings = Settings(steps=2, batch=4, widths=small)
+        >>> schedule = Schedule(validate_every=1_000_000)
+        >>> result = train(store, "run", settings, fabric=fabric, schedule=schedule)  # doctest: +ELLIPSIS
+        {"event": "start", "step": 0, "steps": 2, ...
+        >>> result.finished, result.step
+        (True, 2)
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)

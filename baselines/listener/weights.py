@@ -87,6 +87,15 @@ def save_weights(network: Listener, path: str | Path, calibration: Calibration |
 
     Returns:
         The sha256.
+
+    Examples:
+        >>> small = Widths(
+        ...     image=(8, 8, 16, 16, 16), blocks=(0, 1, 1, 1, 1), decoder=(16, 16, 8, 8), audio=(8, 8, 16, 16)
+        ... )
+        >>> digest = save_weights(Listener(small), "small.safetensors")
+        >>> network, found = load_listener("small.safetensors")
+        >>> found == digest, network.widths == small
+        (True, True)
     """
     path = Path(path)
     tensors = {name: tensor.detach().cpu().half().contiguous() for name, tensor in _kept(network).items()}
@@ -112,6 +121,11 @@ def load_listener(path: str | Path | None = None, *, device: torch.device | str 
     """The network with its weights in float32, in evaluation mode, and the weights' sha256.
 
     See `read_weights`.
+
+    Examples:
+        >>> network, digest = load_listener("weights/listener.safetensors")  # without a file: the package's weights
+        >>> network.training, len(digest)
+        (False, 64)
     """
     found = read_weights(path, device=device)
     return found.network, found.digest

@@ -19,6 +19,17 @@ The three networks implement the protocols of `protocols`; their weights are loc
 of train frames are what EchoSegnet lifts into 3D.
 
 Reference: "3D Audio-Visual Segmentation", Sokolov, Bhosale, Zhu, 2024, section 4; and its released code.
+
+Examples:
+    >>> from avs3d_bench import Dataset
+    >>> from baselines import owod_bind
+    >>> model = owod_bind.load_owod_bind(
+    ...     boxes_checkpoint="weights/owlv2", sam_checkpoint="weights/sam",
+    ...     similarity="pe-av", similarity_checkpoint="weights/pe-av", device="cpu",
+    ... )
+    >>> writer = owod_bind.write_owod_bind(Dataset("data/demo"), "boxes", model, only=["part_1/*"], overwrite=True)
+    >>> sorted(path.name for path in writer.path.rglob("*.png"))
+    ['frame_000.png', 'frame_008.png']
 """
 
 import lazy_loader

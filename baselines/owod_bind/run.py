@@ -53,6 +53,16 @@ class OwodBind:
         min_score: of `select.keep_boxes`.
         max_side: of `select.keep_boxes`.
         checkpoints: the names of the weights' folders, for submission.json.
+
+    Examples:
+        >>> model = load_owod_bind(
+        ...     boxes_checkpoint="weights/owlv2", sam_checkpoint="weights/sam",
+        ...     similarity="pe-av", similarity_checkpoint="weights/pe-av", device="cpu",
+        ... )
+        >>> from avs3d_bench import Dataset
+        >>> mask = model(Dataset("data/demo")["part_1/apartment_1/bathroom/1"].test[0])
+        >>> mask.shape, mask.dtype.name
+        ((64, 64), 'bool')
     """
 
     boxes: BoxProposer
@@ -151,6 +161,14 @@ def load_owod_bind(
     Raises:
         UsageError: if a folder is not named, a package or the device is missing.
         Avs3dError: if a checkpoint is missing or broken.
+
+    Examples:
+        >>> model = load_owod_bind(
+        ...     boxes_checkpoint="weights/owlv2", sam_checkpoint="weights/sam",
+        ...     similarity="pe-av", similarity_checkpoint="weights/pe-av", device="cpu",
+        ... )
+        >>> model.method, model.threshold
+        ('OWOD-BIND (OWLv2 objectness, SAM, PE-AV)', 0.2)
     """
     from baselines.owod_bind.boxes import Owlv2Boxes
     from baselines.owod_bind.imagebind import ImageBindSimilarity
@@ -210,6 +228,16 @@ def write_owod_bind(
     Raises:
         UsageError: if no observation matches, or the target is not free.
         Avs3dError: if a file is missing or damaged, memory runs out, or the system refuses.
+
+    Examples:
+        >>> model = load_owod_bind(
+        ...     boxes_checkpoint="weights/owlv2", sam_checkpoint="weights/sam",
+        ...     similarity="pe-av", similarity_checkpoint="weights/pe-av", device="cpu",
+        ... )
+        >>> from avs3d_bench import Dataset
+        >>> writer = write_owod_bind(Dataset("data/demo"), "owod-bind", model, only=["part_1/*"], overwrite=True)
+        >>> writer.record.method
+        'OWOD-BIND (OWLv2 objectness, SAM, PE-AV)'
     """
     entry = "baselines.owod_bind.run:write_owod_bind"
     method = Method(model.method, model.masks_of, notes=model.notes, entry=entry, batch=BATCH)
@@ -247,6 +275,18 @@ def write_mask_folder(
     Raises:
         UsageError: if no observation matches, or the folder holds something else.
         Avs3dError: if a file is missing or damaged, memory runs out, or the system refuses.
+
+    Examples:
+        >>> model = load_owod_bind(
+        ...     boxes_checkpoint="weights/owlv2", sam_checkpoint="weights/sam",
+        ...     similarity="pe-av", similarity_checkpoint="weights/pe-av", device="cpu",
+        ... )
+        >>> from avs3d_bench import Dataset
+        >>> write_mask_folder(Dataset("data/demo"), "train-masks", model, split="train", only=["part_1/*"])
+        7
+        >>> from pathlib import Path
+        >>> len(list(Path("train-masks/part_1/apartment_1/bathroom/1").glob("*.png")))
+        7
     """
     folder, only = Path(folder), tuple(only)
     observations = dataset.select(*only)

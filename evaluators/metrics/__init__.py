@@ -11,6 +11,14 @@
 The evaluator of submissions uses the same functions. docs/metrics-python.md shows their use, docs/which-number.md which
 convention a published table has. The public names are listed in `__init__.pyi`; importing this package imports none of
 its modules: names are imported on first use, and none of them needs torch.
+
+Examples:
+    >>> truth = np.zeros((2, 8, 8), bool)
+    >>> truth[:, 2:6, 2:6] = True
+    >>> prediction = np.roll(truth, 1, axis=2)  # one pixel too far to the right
+    >>> found = metrics.evaluate(truth, prediction)
+    >>> round(found["IoU"], 3), round(found["F"], 3)
+    (0.6, 0.75)
 """
 
 import lazy_loader

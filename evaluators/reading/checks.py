@@ -57,6 +57,18 @@ def check_submission(
     Raises:
         UsageError: if one of the paths is no submission or no dataset, or no observation matches ``only``.
         Avs3dError: if the dataset is damaged.
+
+    Examples:
+        >>> report = check_submission("data/demo-submissions/oracle", "data/demo", workers=1)
+        >>> report.valid, report.files
+        (True, 5)
+        >>> from pathlib import Path
+        >>> import shutil
+        >>> broken = Path(shutil.copytree("data/demo-submissions/oracle", "broken", dirs_exist_ok=True))
+        >>> (broken / "part_1/apartment_1/bathroom/1/masks/frame_008.png").unlink(missing_ok=True)
+        >>> for problem in check_submission("broken", "data/demo", workers=1).problems:
+        ...     print(problem.path, problem.message)
+        part_1/apartment_1/bathroom/1/masks/frame_008.png missing; expected a mask
     """
     dataset = Dataset(dataset_root)
     observations = select(dataset, only)

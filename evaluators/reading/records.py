@@ -249,6 +249,16 @@ class Evaluation:
         groups: a frame of each group of part_3 in which truths differ, the groups with the most wrong pairs first.
         warnings: what is odd about the submission's files, though it can be scored.
         frames: key of an observation → the counts of its test frames.
+
+    Examples:
+        >>> evaluation = evaluate("data/demo-submissions/centre-box", "data/demo", protocols="strict")
+        >>> evaluation
+        Evaluation('centre-box' on demo 1, 2 observations: strict IoU 0.000, strict F 0.000)
+        >>> evaluation.scores.parts["part_1"].strict.FP_rate
+        1.0
+        >>> worst = evaluation.worst[0]
+        >>> worst.key, worst.name, worst.iou
+        ('part_1/apartment_1/bathroom/1', 'frame_000', 0.0)
     """
 
     scores: Scores
@@ -271,7 +281,19 @@ class Evaluation:
 
 
 class InvalidSubmission(Avs3dError):  # noqa: N818 - the word that users know from the exit status
-    """Something is wrong with a submission's files: there is no score. `report` names every one."""
+    """Something is wrong with a submission's files: there is no score. `report` names every one.
+
+    Examples:
+        >>> import shutil
+        >>> from pathlib import Path
+        >>> broken = Path(shutil.copytree("data/demo-submissions/oracle", "broken", dirs_exist_ok=True))
+        >>> (broken / "part_1/apartment_1/bathroom/1/masks/frame_008.png").unlink(missing_ok=True)
+        >>> try:
+        ...     evaluate("broken", "data/demo")
+        ... except InvalidSubmission as error:
+        ...     print([problem.path for problem in error.report.problems])
+        ['part_1/apartment_1/bathroom/1/masks/frame_008.png']
+    """
 
     def __init__(self, report: Report) -> None:
         self.report = report

@@ -48,6 +48,11 @@ def open_submission(path: str | Path, *, aisrm: bool | None = None) -> Iterator[
     Raises:
         UsageError: if there is nothing at ``path``, it is no submission, or it has not the folder asked for.
         InvalidSubmission: if an archive holds what must not be unpacked; its report names every such member.
+
+    Examples:
+        >>> with open_submission("data/demo-submissions/oracle") as submission:  # or a .zip
+        ...     print(submission.layout, submission.record.method, submission.masks)
+        avs3d oracle (category) masks
     """
     source = Path(path)
     if source.is_dir():

@@ -55,6 +55,16 @@ def compare(
     Raises:
         UsageError: if the files cannot be compared, or have fewer than two observations in common.
         Avs3dError: if a file is broken.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> files = [Path("data/demo-scores/oracle.json"), Path("data/demo-scores/centre-box.json")]
+        >>> comparison = compare(files, figures=["official.mIoU"])
+        >>> comparison
+        Comparison(oracle, centre-box on demo: 1 figures)
+        >>> difference = comparison.figures[-1].differences[0]
+        >>> difference.first, difference.second, round(difference.mean, 3), difference.verdict
+        ('oracle', 'centre-box', 0.434, 'undecided')
     """
     metrics = [metric_of(figure) for figure in figures]
     entries = _read(score_files)

@@ -56,6 +56,14 @@ def write_leaderboard(
     Raises:
         UsageError: if there is no score file, or a file would be overwritten that is no part of this leaderboard.
         Avs3dError: if a file is no file of scores (the file and the field are named), or nothing can be written.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> files = sorted(Path("data/demo-scores").glob("*.json"))
+        >>> write_leaderboard(Path("leaderboard"), files, json_file=Path("leaderboard.json"))
+        ()
+        >>> sorted(path.name for path in Path("leaderboard").rglob("*") if path.is_file())
+        ['centre-box.json', 'index.html', 'oracle-category.json']
     """
     folder = Path(folder)
     masks, questions = split_questions(score_files)

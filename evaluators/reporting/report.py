@@ -120,6 +120,16 @@ def write_report(path: Path, evaluation: Evaluation, dataset: Dataset, submissio
 
     Raises:
         Avs3dError: if a frame of the pictures cannot be read, or the report cannot be written.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> from avs3d_bench import Dataset
+        >>> from evaluators.score import score
+        >>> dataset = Dataset("data/demo")
+        >>> with open_submission("data/demo-submissions/centre-box") as submission:
+        ...     write_report(Path("report.html"), score(submission, dataset), dataset, submission)
+        >>> "strict IoU" in Path("report.html").read_text("utf-8")
+        True
     """
     scores = evaluation.scores
     frames = {

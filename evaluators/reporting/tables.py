@@ -43,6 +43,16 @@ def write_tables(folder: Path, score_files: Sequence[Path], *, which: Which = "a
     Raises:
         UsageError: if there is no score file, one would be overwritten, or there is no series though ``which`` is 3.
         Avs3dError: if a file is broken, matplotlib is missing, or nothing can be written.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> files = sorted(Path("data/demo-scores").glob("*.json"))
+        >>> [path.name for path in write_tables(Path("tables"), files, which="2", plot=False)]
+        ['table2.md', 'table2.csv']
+        >>> import csv
+        >>> rows = list(csv.DictReader(Path("tables/table2.csv").read_text("utf-8").splitlines()))
+        >>> [(row["method"], row["strict_IoU"]) for row in rows if row["part"] == "part_1"][:2]
+        [('oracle (category)', '1.0'), ('centre-box', '0.0')]
     """
     from evaluators.reporting.tables_markdown import markdown
 

@@ -264,7 +264,10 @@ class SoundSpaces(Engine):
         Avs3dError: if the package is not installed.
 
     Examples:
-        >>> SoundSpaces().response(room, (1, 1.5, 2), (4, 1.5, 2))  # doctest: +SKIP
+        >>> room = Room.shoebox((6, 2.7, 4), "plaster")
+        >>> rir = SoundSpaces().response(room, source=(1, 1.5, 2), listener=(4, 1.5, 2))
+        >>> rir.samples.shape[0], rir.sample_rate
+        (2, 44100)
     """
 
     _in_sequence = True

@@ -81,6 +81,10 @@ def variants(category: str) -> tuple[str, ...]:
 
     Raises:
         UsageError: if the category is unknown.
+
+    Examples:
+        >>> variants("microwave")
+        ('steel', 'white', 'black')
     """
     return tuple(_VARIANTS[check_category(category, silent=True)])
 
@@ -90,6 +94,10 @@ def training_variants(category: str) -> tuple[str, ...]:
 
     Raises:
         UsageError: if the category is unknown.
+
+    Examples:
+        >>> len(training_variants("microwave")), set(training_variants("microwave")) & set(variants("microwave"))
+        (3, set())
     """
     return tuple(_FAMILIES[check_category(category, silent=True)])
 

@@ -26,6 +26,16 @@ class Model:
         mount: kind of surface on which it stands or hangs.
         licence: licence of the mesh and its textures.
         source_point: position of the sound source in the model frame, on its surface or a little in front of it.
+
+    Examples:
+        >>> from generators import objects
+        >>> microwave = objects.build("microwave", seed=3)
+        >>> microwave.name, microwave.mount, microwave.mesh.positions.shape[1:]
+        ('microwave/black', 'surface', (3, 3))
+        >>> [round(side, 2) for side in microwave.size]  # width, height, depth (m)
+        [0.5, 0.29, 0.4]
+        >>> [round(c, 3) for c in microwave.source_point]  # on its front, which faces +Z
+        [-0.06, 0.145, 0.212]
     """
 
     name: str

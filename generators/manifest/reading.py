@@ -18,7 +18,15 @@ from generators.manifest.schema import Manifest, ObservationSpec
 
 @dataclass(frozen=True)
 class ManifestFile:
-    """A manifest with its path, its text and the sha256 of its bytes."""
+    """A manifest with its path, its text and the sha256 of its bytes.
+
+    Examples:
+        >>> source = read_manifest("room.yaml")
+        >>> source.path.name, source.base == source.path.parent, len(source.sha256)
+        ('room.yaml', True, 64)
+        >>> source.manifest.name, len(source.manifest.observations)
+        ('room', 2)
+    """
 
     manifest: Manifest
     path: Path
@@ -40,6 +48,22 @@ def read_manifest(path: str | Path) -> ManifestFile:
 
     Raises:
         UsageError: for each problem a line with the file, the field, its line, what was found and what was expected.
+
+    Examples:
+        >>> manifest = read_manifest("room.yaml").manifest
+        >>> [entry.key for entry in manifest.observations]
+        ['part_1/box/kitchen/1', 'part_2/box/kitchen/1']
+        >>> from pathlib import Path
+        >>> text = Path("room.yaml").read_text("utf-8").replace("frames: 12", "frames: 0").replace("seed: ", "sed: ")
+        >>> _ = Path("wrong.yaml").write_text(text, "utf-8")
+        >>> from avs3d_bench import Avs3dError
+        >>> try:
+        ...     read_manifest("wrong.yaml")
+        ... except Avs3dError as error:
+        ...     print(error)
+        wrong.yaml: seed: is missing
+        wrong.yaml, line 5: camera.frames: Input should be greater than or equal to 1 (found 0)
+        wrong.yaml, line 2: sed: unknown field; did you mean 'seed'?
     """
     path = Path(path)
     try:

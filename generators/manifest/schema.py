@@ -713,6 +713,16 @@ class Manifest(_Model):
     ``models`` restricts the procedural variants from which the objects of a category are drawn, ``voices`` names the
     devices by which its sound is synthesised. ``levels`` is the range from which the level of each source re the common
     loudness is drawn (dB), beside its ``gain_db``.
+
+    Examples:
+        >>> observation = {"part": "part_1", "scan": "flat", "room": "kitchen", "index": 1, "category": "microwave"}
+        >>> manifest = Manifest.model_validate(
+        ...     {"name": "mine", "seed": 7, "scans": {"flat": {"seed": 3}}, "observations": [observation]}
+        ... )
+        >>> manifest.camera
+        CameraSpec(size=1008, hfov=90.0, height=1.5, frames=120)
+        >>> manifest.observations[0].key, manifest.engine()
+        ('part_1/flat/kitchen/1', 'tracer')
     """
 
     name: Slug

@@ -67,14 +67,15 @@ def generate(manifest: ManifestFile | str | Path, root: str | Path, **options: A
         TypeError: if there is no option of that name.
 
     Examples:
-        Two observations of 8 frames of 128 × 128 pixels, with sound of the closed-form renderer:
+        An observation of 4 frames of 64 × 64 pixels, with sound of the closed-form engine:
 
-            from avs3d_bench import Dataset
-            from generators import generate
-
-            outcome = generate("scenes_manifest/demo.yaml", "data/small", audio="analytic", frames=8, size=128)
-            assert not outcome.failed
-            print(Dataset("data/small")[0].frames[0].audio().shape)
+        >>> options = {"only": ["part_1/*"], "audio": "analytic", "frames": 4, "size": 64, "workers": 1}
+        >>> outcome = generate("room.yaml", "data/small", **options)
+        >>> outcome.made, outcome.failed
+        (('part_1/box/kitchen/1',), ())
+        >>> from avs3d_bench import Dataset
+        >>> Dataset("data/small")[0].frames[0].audio().shape
+        (2, 44100)
     """
     check_path("root", root)
     if not isinstance(manifest, ManifestFile):

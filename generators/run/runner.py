@@ -76,6 +76,15 @@ class Outcome:
         stopped: whether it ended early because too much failed.
         present: number of observations of the manifest that are there now.
         unseen: keys of those whose sounding object is in no test frame: strict IoU, F and boundary F leave them out.
+
+    Examples:
+        >>> options = {"only": ["part_2/*"], "audio": "analytic", "frames": 4, "size": 32, "workers": 1}
+        >>> outcome = generate("room.yaml", "data/clocks", **options)
+        >>> outcome.made, outcome.failed
+        (('part_2/box/kitchen/1',), ())
+        >>> again = generate("room.yaml", "data/clocks", **options)  # what is there is kept
+        >>> again.made, again.kept
+        ((), ('part_2/box/kitchen/1',))
     """
 
     made: tuple[str, ...]

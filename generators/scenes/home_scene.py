@@ -42,6 +42,15 @@ class HomeScene(PlacedScene):
 
     Attributes:
         placements: the objects; instance n is number n − 1.
+
+    Examples:
+        >>> home = Home.from_scan("room.glb", rooms={"kitchen": [[0, 0, 0], [4, 2.6, 3.6]]})
+        >>> scene = home.place([objects.build("microwave", seed=3), objects.build("oven", seed=1)], rng=1)
+        >>> scene
+        <HomeScene room: kitchen; 1: microwave/black in the kitchen; 2: oven/steel in the kitchen>
+        >>> pose = scene.look_at(1)
+        >>> scene.hear(pose, sounding=1, seconds=1, audio="analytic")
+        <HeardSound 1 s at 44100 Hz, RMS left -34 dBFS, right -34 dBFS>
     """
 
     def __init__(self, home: Scene, placements: Sequence[Placement] = ()) -> None:
@@ -151,8 +160,12 @@ class HomeScene(PlacedScene):
             UsageError: if no object has that id.
 
         Examples:
-            >>> room = scene.acoustics(sounding=1)  # doctest: +SKIP
-            >>> acoustics.Tracer().response(room, scene.placement(1).source_position, pose)  # doctest: +SKIP
+            >>> home = Home.from_scan("room.glb", rooms={"kitchen": [[0, 0, 0], [4, 2.6, 3.6]]})
+            >>> scene = home.place(objects.build("microwave", seed=3), rng=1)
+            >>> room = scene.acoustics(sounding=1)
+            >>> engine = acoustics.Analytic()
+            >>> engine.response(room, scene.placement(1).source_position, scene.look_at(1)).samples.shape[0]
+            2
         """
         mesh = self.acoustic_mesh(sounding)
         return SoundRoom(self.acoustic_scene.name, mesh.triangles.astype(np.float64), tuple(mesh.labels))

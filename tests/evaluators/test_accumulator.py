@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
 import inspect
 import pickle
 import subprocess
@@ -217,19 +216,13 @@ def test_bad_directions_are_one_line(call: Any, line: str):
 MODULES = [metrics.avsbench, metrics.ref_avs, metrics.avss, metrics.combo, metrics.pointing]
 
 
-def test_every_public_name_has_an_example_that_runs():
-    public = [getattr(metrics, name) for name in dir(metrics)]
-    public = [one for one in public if not inspect.ismodule(one)]
+def test_every_function_of_a_convention_has_an_example():
+    """They run in tests/pages/test_docstring_examples.py."""
     for module in MODULES:
         own = (f for name, f in inspect.getmembers(module, inspect.isfunction) if not name.startswith("_"))
-        public += [function for function in own if function.__module__ == module.__name__]
-    assert len(public) > 20
-    runner = doctest.DocTestRunner()
-    for one in public:
-        (test,) = doctest.DocTestFinder(recurse=False).find(one, one.__name__, extraglobs={"np": np})
-        assert test.examples, f"{one.__module__}.{one.__name__} has no example"
-        runner.run(test)
-    assert runner.summarize(verbose=False).failed == 0
+        for function in own:
+            if function.__module__ == module.__name__:
+                assert ">>>" in inspect.getdoc(function), f"{module.__name__}.{function.__name__} has no example"
 
 
 def test_the_metrics_need_neither_torch_nor_the_rest_of_the_toolkit():

@@ -12,6 +12,16 @@
 Units: metres, seconds, degrees, pixels. World: right-handed, Y up; quaternions are (w, x, y, z), camera-to-world for
 frames and object-to-world for instances. avs3d_bench/contract/scores.py has the record of a file of scores,
 avs3d_bench/exports/schema_files.py writes the JSON Schema of each file.
+
+Examples:
+    >>> record = Dataset("data/demo")["part_1/apartment_1/bathroom/1"].record
+    >>> [(instance.id, instance.category, instance.sounding) for instance in record.instances]
+    [(1, 'microwave', True), (2, 'oven', False)]
+    >>> frame = record.frames[0]
+    >>> frame.name, frame.time, frame.line_of_sight, round(frame.distance, 2)  # seconds, metres
+    ('frame_000', 0.0, True, 2.86)
+    >>> schema.SubmissionRecord(method="mine", dataset="demo", dataset_version="4.0.0").model_dump(exclude_none=True)
+    {'method': 'mine', 'dataset': 'demo', 'dataset_version': '4.0.0'}
 """
 
 from avs3d_bench.contract.schema.base import (

@@ -59,6 +59,10 @@ class QaOptions:
         kinds: of questions; all if empty.
         per_group: most questions of a kind in a group.
         seed: of all choices.
+
+    Examples:
+        >>> QaOptions(only=("part_3/*",), kinds=("side",), per_group=2, seed=1)
+        QaOptions(only=('part_3/*',), split='test', kinds=('side',), per_group=2, seed=1)
     """
 
     only: tuple[str, ...] = ()
@@ -82,6 +86,15 @@ def write_qa(
     Raises:
         UsageError: if the dataset has no group with its truth, a choice makes no sense, or ``folder`` is not free.
         Avs3dError: if a file is missing or damaged, nothing can be asked, or the system refuses.
+
+    Examples:
+        >>> record = write_qa("data/listen", "qa", QaOptions(split="all", kinds=("side",), seed=1))
+        >>> record.kinds["side"].lines, record.kinds["side"].answers
+        (12, {'left': 4, 'nothing sounds': 4, 'right': 4})
+        >>> from avs3d_bench.formats.questions import read_questions
+        >>> line = read_questions("qa")[0]
+        >>> line.question, line.options
+        ('Going by the sound alone, on which side of you is its source?', ('nothing sounds', 'right', 'left'))
     """
     chosen = options or QaOptions()
     dataset, groups = _groups(root, chosen)

@@ -65,6 +65,10 @@ def find_release(name: str, url: str | None, sha256: str | None = None) -> Hoste
 
     Raises:
         UsageError: if the name is unknown, or the address or the digest cannot be one.
+
+    Examples:
+        >>> find_release("demo", "https://example.org/demo").url
+        'https://example.org/demo/'
     """
     if sha256 is not None and not _SHA256.fullmatch(sha256):
         raise UsageError(f"--sha256 {excerpt(sha256)}: expected the 64 digits that `avs3d release` printed")
@@ -99,6 +103,13 @@ def get_release(name: str, hosted: HostedRelease, folder: str | Path, *, progres
         UsageError: if ``folder`` is there, or the release has another name.
         Avs3dError: if the host does not have it, or what it has is not what release.json says; if an archive holds what
             no dataset has; if the system refuses.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> _ = write_release("data/demo", Path("hosted").absolute(), workers=1)
+        >>> release = get_release("demo", find_release("demo", "hosted"), "data/got")  # or the address of a host
+        >>> release.version, release.observations, Path("data/got/dataset.json").exists()
+        ('1', 2, True)
     """
     with needing("avs3d get", "pip install 'avs3d-bench[get]'"):
         import pooch

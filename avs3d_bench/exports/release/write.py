@@ -64,6 +64,10 @@ class ReleaseSettings:
         url: address of the folder that will hold the files, for the README.
         home: the dataset's page, for Croissant.
         published: date, YYYY-MM-DD, for Croissant.
+
+    Examples:
+        >>> ReleaseSettings(archive_mb=500, url="https://example.org/demo", published="2026-01-31")
+        ReleaseSettings(archive_mb=500, doi=None, url='https://example.org/demo', home=None, published='2026-01-31')
     """
 
     archive_mb: float = ARCHIVE_MB
@@ -106,6 +110,14 @@ def write_release(
     Raises:
         UsageError: if there is nothing that may be released, or ``folder`` holds something else.
         Avs3dError: if a file is not what its record says, or the system refuses.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> release = write_release("data/demo", "release", ReleaseSettings(url="https://example.org/demo"), workers=1)
+        >>> len(release.archives), release.licence
+        (1, 'CC0-1.0')
+        >>> sorted(path.name for path in Path("release").iterdir())
+        ['LICENCES.md', 'README.md', 'SHA256SUMS', 'croissant.json', 'demo-1-000.tar', 'registry.txt', 'release.json']
     """
     settings = settings or ReleaseSettings()
     settings.check()

@@ -112,6 +112,11 @@ class SeldSettings:
         video_width: pixels; None: `USUAL_WIDTH`.
         manifest: for ``video``: the manifest's file, if it names files beside it.
         hrtf: for ``video``: the SOFA file of the head with which the dataset was made, if it was made with one.
+
+    Examples:
+        >>> settings = SeldSettings(form="binaural", only=("part_3/*",), gain_db=6.0)
+        >>> settings.form, settings.maps
+        ('binaural', False)
     """
 
     form: SeldFormat = "foa"
@@ -180,6 +185,16 @@ def write_seld(
         UsageError: if there is no dataset, its truth is not published, it has no ambisonics that are asked for, the
             folder is not empty, or an option does not fit.
         Avs3dError: if a file is missing or damaged, sound would clip, or the system refuses.
+
+    Examples:
+        >>> index = write_seld("data/listen", "seld", SeldSettings(form="binaural"), workers=1)
+        >>> len(index.recordings), index.recordings[0].name
+        (5, 'fold3_room1_mix001_deg000_start0000')
+        >>> from pathlib import Path
+        >>> labels = sorted(Path("seld").rglob("metadata_dev/**/*.csv"))
+        >>> print("".join(labels[0].read_text().splitlines(keepends=True)[:2]), end="")
+        frame,class,source,azimuth,distance,onscreen
+        0,3,0,-21,230,1
     """
     settings = settings or SeldSettings()
     settings.check()

@@ -172,8 +172,13 @@ class SofaHead(HrirHead):
         Avs3dError: one line; see `read_hrirs` and `SphereMesh.of`.
 
     Examples:
-        >>> SofaHead("head.sofa").channel_names  # doctest: +SKIP
-        ('left', 'right')
+        >>> head = SofaHead("head.sofa")
+        >>> head.channel_names, head.describe()["hrtf_directions"]
+        (('left', 'right'), 64)
+        >>> room = Room.shoebox((6, 2.7, 4), "plaster")
+        >>> rir = Tracer(seed=1).response(room, source=(1, 1.5, 2), listener=(4, 1.5, 2), receiver=head)
+        >>> rir.samples.shape[0], rir.samples.dtype.name
+        (2, 'float32')
     """
 
     def __init__(self, path: str | Path) -> None:
