@@ -30,8 +30,8 @@ ROOM_WIDTH, ROOM_HEIGHT = 0.75, 1.8
 #: Walkers, reflections of each, share of the walkers that must leave a body with an opening.
 _WALKERS, _REFLECTIONS, _LEAVE = 128, 64, 0.1
 _MOST_STAY = round((1.0 - _LEAVE) * _WALKERS)
-#: Places in which a ball is tried after 1, 2, 4, … reflections, and moves of the ball in each.
-_PLACES, _MOVES = 8, 4
+#: Flights after which a ball is tried; the places in which it is, and moves of the ball in each.
+_TRIES, _PLACES, _MOVES = frozenset((0, 1, 3, *range(7, _REFLECTIONS, 8))), 8, 4
 #: Directions in which the free space round a place is measured, each with its opposite: 8 % too wide at most.
 _HALF = fibonacci_directions(32)
 _AROUND = np.concatenate([_HALF, -_HALF])
@@ -147,7 +147,7 @@ def closed_body(surfaces: AcousticSurfaces, point: F64) -> ClosedBody | None:
         if np.isinf(reach[stay]).any():
             return None
         size = high[stay].max(axis=0) - low[stay].min(axis=0)
-        if (step + 1) & step == 0 and size[1] >= ROOM_HEIGHT:
+        if step in _TRIES and size[1] >= ROOM_HEIGHT:
             longest = np.argsort(-distance[stay], kind="stable")[:_PLACES]
             if _ball_fits(surfaces, passed[step, stay][longest]):
                 return None
