@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.measures.decay import SPEED_OF_SOUND as SPEED_OF_SOUND
 from generators.acoustics.materials import material_for, mean_absorption, triangle_areas
-from generators.core.low_discrepancy import fibonacci_directions
 from generators.core.scene import Part, Room, Scene
 
 #: Corners nearer than this are one vertex.
@@ -168,71 +166,6 @@ def crossed(triangles: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[n
 def blocked(triangles: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
     """Whether a triangle of (A, 3, 3) cuts the segment from ``a`` to ``b`` (3,), its ends excepted."""
     return bool(len(triangles)) and bool(np.isfinite(crossed(triangles, a, b)).any())
-
-
-def views_from(triangles: NDArray[np.float64], point: NDArray[np.float64], rays: int = 200) -> NDArray[np.float64]:
-    """(rays,) free path in m from ``point`` (3,) in evenly spread directions; infinite where one escapes."""
-    found = np.empty(rays)
-    edge1, edge2 = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
-    s = point - triangles[:, 0]
-    q = np.cross(s, edge1)
-    reach = np.einsum("ij,ij->i", edge2, q)
-    for number, ray in enumerate(fibonacci_directions(rays)):
-        p = np.cross(ray, edge2)
-        determinant = np.einsum("ij,ij->i", edge1, p)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            u, v, t = np.einsum("ij,ij->i", s, p) / determinant, q @ ray / determinant, reach / determinant
-            hit = (np.abs(determinant) > 1e-12) & (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 1e-4)
-        found[number] = t[hit].min(initial=np.inf)
-    return found
-
-
-#: A source that sees no farther than this share of its room's diagonal is walled in.
-_LEAST_VIEW = 1 / 3
-#: In a mesh of unknown rooms, a source is walled in if more than this share of its views is shorter than `_WALL` metres
-#: (or than `_WALL_SHARE` of the mesh's diagonal). In a wall of thickness t these are 1 − t/(2·_WALL); a source in the
-#: corner of three walls has the last eighth free.
-_NEAR_VIEWS, _WALL, _WALL_SHARE = 7 / 8, 1.0, 0.2
-#: Share of views out of a mesh from which it counts as open on purpose (a courtyard, a floor alone).
-_OPEN = 0.5
-
-
-def check_free_source(scene: str, source: ArrayLike, views: NDArray[np.float64], room: Room) -> None:
-    """Refuse a source in a closed box: it is all but silent outside.
-
-    Args:
-        scene: its name.
-        source: (3,) metres.
-        views: (n,) distances in m to the surfaces that the source sees in evenly spread directions; infinite where it
-            sees out of the scene.
-        room: that the source stands in.
-
-    Raises:
-        Avs3dError: naming the scene, the position and the distance.
-    """
-    diagonal = float(np.linalg.norm(np.subtract(room.high, room.low)))
-    place = tuple(round(float(c), 3) for c in np.asarray(source))
-    if not room.is_whole_mesh:
-        farthest = float(views.max())
-        if farthest < _LEAST_VIEW * diagonal:
-            raise Avs3dError(
-                f"{scene}: the source at {place} is walled in, it sees {farthest:.2f} m at most; "
-                "move it out of the furniture, or give its object an instance id above 0"
-            )
-        return
-    least = min(_WALL, _WALL_SHARE * diagonal)
-    if np.mean(views < least) > _NEAR_VIEWS:
-        raise Avs3dError(
-            f"{scene}: the source at {place} is in a wall or another closed body: it sees less than {least:.2f} m in "
-            f"{100 * np.mean(views < least):.0f} % of all directions; move it into a room"
-        )
-    escaped = float(np.mean(~np.isfinite(views)))
-    if 0 < escaped < _OPEN:
-        warnings.warn(
-            f"{scene}: {100 * escaped:.1f} % of the directions from the source at {place} leave the mesh through "
-            "holes; sound that leaves is lost, as through an open window: close them if there are none",
-            stacklevel=2,
-        )
 
 
 def checked_position(

@@ -37,13 +37,13 @@ from generators.acoustics.directivity import Directivity
 from generators.acoustics.geometry import (
     AcousticMesh,
     acoustic_mesh,
-    check_free_source,
     checked_position,
     checked_scale,
     reflections_to_decay,
-    views_from,
 )
 from generators.acoustics.materials import RESIDUAL, material_for, write_engine_json
+from generators.acoustics.tracer.enclosure import Enclosure
+from generators.acoustics.tracer.surfaces import surfaces_of
 from generators.core.limits import check_ranges
 from generators.core.scene import Scene
 
@@ -196,9 +196,9 @@ class SoundSpacesSession:
         mesh = acoustic_mesh(scene, source, absorption_scale=absorption_scale)
         self._scene_name = scene.name
         self._bounds = mesh.bounds
-        self._triangles = mesh.triangles
+        self._surfaces = surfaces_of(mesh)
         self._room = box
-        self._source = self._free_source(source)
+        self._enclosure = self._enclosure_of(source)
         self.sample_rate = sample_rate
         # A room that is made more live rings on for longer.
         limit = math.ceil(settings.max_depth / min(absorption_scale, 1.0))
@@ -211,25 +211,23 @@ class SoundSpacesSession:
         self._context.add_listener(engine.ChannelLayout(layouts.Mono if omni else layouts.Binaural, self._channels))
         self._context.set_listener_radius(0, LISTENER_RADIUS)
         self._context.add_source()
-        self._context.set_source_position(0, self._source)
+        self._context.set_source_position(0, self._enclosure.source.tolist())
 
     def move_source(self, source: Place) -> None:
         """Put the source elsewhere for the responses that follow.
 
         Raises:
-            Avs3dError: if the session is closed, or the source is outside the scene or walled in.
+            Avs3dError: if the session is closed, or the source is outside the scene.
         """
         if self._context is None:
             raise Avs3dError(f"{self._scene_name}: the acoustic session is closed; open a new one")
-        self._source = self._free_source(point_of(source))
-        self._context.set_source_position(0, self._source)
+        self._enclosure = self._enclosure_of(point_of(source))
+        self._context.set_source_position(0, self._enclosure.source.tolist())
 
-    def _free_source(self, source: tuple[float, float, float]) -> list[float]:
-        """A position at which the engine may stand a source: from a closed box it lets a few stray rays out."""
-        position = self._position(source, "source")
-        views = views_from(self._triangles, np.asarray(position))
-        check_free_source(self._scene_name, position, views, self._room)
-        return position
+    def _enclosure_of(self, source: tuple[float, float, float]) -> Enclosure:
+        """The space of a source: from a closed body the engine lets a few stray rays out."""
+        position = np.array(self._position(source, "source"))
+        return Enclosure.of(self._scene_name, self._room, self._surfaces, position)
 
     def _position(self, position: tuple[float, float, float], what: str) -> list[float]:
         return checked_position(self._scene_name, what, position, self._bounds)
@@ -240,11 +238,13 @@ class SoundSpacesSession:
         ``Pose`` has already refused NaN and quaternions that are not of unit length.
 
         Raises:
-            Avs3dError: if the session is closed, the listener is outside the scene, or the engine fails.
+            Avs3dError: if the session is closed, the listener is outside the scene, it or the source is in a closed
+                body that the other is not in (`Enclosure`), or the engine fails.
         """
         if self._context is None:
             raise Avs3dError(f"{self._scene_name}: the acoustic session is closed; open a new one")
         position = self._position(pose.position, "listener")
+        self._enclosure.check_listener(np.array(position))
         rotation = np.asarray(pose.rotation, dtype=np.float64)
         try:
             self._context.set_listener_position(0, position)
@@ -257,8 +257,9 @@ class SoundSpacesSession:
                 f"{self._scene_name}: the acoustic engine failed at listener {position}: {error}"
             ) from error
         if response.size == 0 or not np.isfinite(response).all() or not response.any():
+            source = self._enclosure.source.tolist()
             raise Avs3dError(
-                f"{self._scene_name}: no sound reaches listener {position} from source {self._source}; "
+                f"{self._scene_name}: no sound reaches listener {position} from source {source}; "
                 "the listener is enclosed by faces without an opening"
             )
         return response

@@ -14,7 +14,7 @@ from avs3d_bench.geometry import Pose
 from avs3d_bench.measures.decay import eyring, reverberation_time
 from avs3d_bench.measures.levels import ild_db
 from generators.acoustics.clips import rms
-from generators.acoustics.geometry import acoustic_mesh, blocked, reflections_to_decay, views_from
+from generators.acoustics.geometry import acoustic_mesh, blocked, reflections_to_decay
 from generators.core.scene import Part, Room, Scene
 from tests.support.acoustic_rooms import box_scene, solid, with_absorption
 
@@ -194,8 +194,9 @@ def test_the_sounding_object_does_not_wall_its_source_in():
     assert np.abs(session.impulse_response(Pose.from_yaw((3.0, 1.5, 3.0), 0.0))).max() > 0.1
     cupboard = Part("cupboard", body.mesh)
     scene = box_scene((4, 3, 4), label="plaster", extra=(cupboard,))
-    with pytest.raises(Avs3dError, match=r"source at \(1.0, 0.5, 1.0\) is walled in"):
-        SoundSpacesBackend(DIRECT).open(scene, (1.0, 0.5, 1.0), room="kitchen")
+    session = SoundSpacesBackend(DIRECT).open(scene, (1.0, 0.5, 1.0), room="kitchen")
+    with pytest.raises(Avs3dError, match=r"source at \(1.0, 0.5, 1.0\) is in a wall or another closed body"):
+        session.impulse_response(Pose.from_yaw((3.0, 1.5, 3.0), 0.0))
 
 
 def test_faces_are_welded_and_grouped_by_label():
@@ -213,12 +214,6 @@ def test_depth_follows_the_absorption(monkeypatch):
     # 10·lg(1 / 0.8) = 0.969 dB per reflection
     assert reflections_to_decay(mesh, scene.rooms[0], 60.0, 500) == 62
     assert reflections_to_decay(mesh, scene.rooms[0], 60.0, 40) == 40
-
-
-def test_the_longest_view_in_a_box_is_nearly_its_diagonal():
-    walls = box_scene((3, 4, 12), label="plaster").parts[0].mesh.acoustic_positions.astype(float)
-    assert views_from(walls, np.array([0.1, 0.1, 0.1])).max() == pytest.approx(13.0, rel=0.05)
-    assert (views_from(np.zeros((0, 3, 3)), np.zeros(3)) == np.inf).all()
 
 
 def test_line_of_sight():

@@ -18,7 +18,6 @@ from generators.acoustics.directivity import Directivity, Emission, emission_of
 from generators.acoustics.geometry import (
     SPEED_OF_SOUND,
     acoustic_mesh,
-    check_free_source,
     checked_position,
     faces_of_room,
     reflections_to_decay,
@@ -28,10 +27,10 @@ from generators.acoustics.tracer.arrivals import Arrivals
 from generators.acoustics.tracer.carriers import on_carriers
 from generators.acoustics.tracer.diffraction import LitEdges, diffracted, lit_edges
 from generators.acoustics.tracer.early import Images, early_arrivals, images_of
+from generators.acoustics.tracer.enclosure import Enclosure
 from generators.acoustics.tracer.late import rays_for, trace
 from generators.acoustics.tracer.settings import LONGEST, MOST_REFLECTIONS, TraceSettings
 from generators.acoustics.tracer.surfaces import surfaces_of
-from generators.core.low_discrepancy import fibonacci_directions
 from generators.core.scene import Scene
 
 if TYPE_CHECKING:
@@ -46,16 +45,15 @@ _SOURCES = 4
 #: Way (m) between two traces of a moving source or listener: of rays, whose late sound is another one after a few
 #: centimetres, and of fixed carriers, whose amplitudes are almost linear in between.
 _LATE_STEP, _SMOOTH_STEP = 0.3, 0.04
-#: Directions in which a source looks for a way out.
-_VIEWS = 200
 
 
 @dataclass(frozen=True, eq=False)
 class _Source:
-    """State of a source: candidates for its images, the edges as it sees them, its traced energy."""
+    """State of a source: candidates for its images, the edges as it sees them, its space, its traced energy."""
 
     images: Images
     edges: LitEdges
+    enclosure: Enclosure
     traced: dict[Position, Arrivals]
 
 
@@ -113,7 +111,7 @@ class TracerSession:
         """Put the source elsewhere, or turn it, for the responses that follow.
 
         Raises:
-            Avs3dError: if the session is closed, or the source is outside the scene or walled in.
+            Avs3dError: if the session is closed, or the source is outside the scene.
         """
         self._check_open()
         x, y, z = checked_position(self._scene, "source", point_of(source), self._bounds)
@@ -124,13 +122,12 @@ class TracerSession:
             self._heard.move_to_end(pose)
             return
         position = np.array((x, y, z))
-        if self._bounds is not None:
-            views = self._surfaces.first_hits(np.broadcast_to(position, (_VIEWS, 3)), fibonacci_directions(_VIEWS))
-            check_free_source(self._scene, position, views, self._room)
         emission = emission_of(self._directivity, pose)
         images = self._images(position, emission)
         self._source = pose
-        self._heard[pose] = _Source(images, lit_edges(self._surfaces.edges, position, emission), {})
+        edges = lit_edges(self._surfaces.edges, position, emission)
+        enclosure = Enclosure.of(self._scene, self._room, self._surfaces, position)
+        self._heard[pose] = _Source(images, edges, enclosure, {})
         if len(self._heard) > _SOURCES:
             self._heard.popitem(last=False)
 
@@ -157,7 +154,8 @@ class TracerSession:
         """All that arrives at the head's centre, early part first; it does not depend on the head's rotation.
 
         Raises:
-            Avs3dError: if the session is closed, the listener is outside the scene, or no sound reaches it.
+            Avs3dError: if the session is closed, the listener is outside the scene, it or the source is in a closed
+                body that the other is not in (`Enclosure`), or no sound reaches it.
         """
         self._check_open()
         position = self._position(pose)
@@ -225,11 +223,18 @@ class TracerSession:
         )
 
     def _batch(self, position: Position) -> list[Position]:
-        """``position`` and, if it was announced, those announced after it."""
-        if position not in self._announced:
-            return [position]
-        first = self._announced.index(position)
-        return self._announced[first : first + self._together]
+        """``position`` and, if it was announced, those announced after it.
+
+        Raises:
+            Avs3dError: if one of them, or the source, is in a closed body that the other is not in.
+        """
+        batch = [position]
+        if position in self._announced:
+            first = self._announced.index(position)
+            batch = self._announced[first : first + self._together]
+        for each in batch:
+            self._heard[self._source].enclosure.check_listener(np.array(each))
+        return batch
 
     def _trace(self, source: _Source, position: Position) -> dict[Position, Arrivals]:
         """Trace the arrivals at ``position`` and at the others of its batch."""

@@ -39,6 +39,7 @@ class AcousticSurfaces:
         rims: of the mirror planes.
         edges: that diffract.
         walls: transmission coefficients, if a material gives its own.
+        transmits: (M,) bool, which materials do.
     """
 
     mesh: MeshTables
@@ -47,20 +48,29 @@ class AcousticSurfaces:
     plane_area: F64
     rims: Rims
     edges: Edges
-    walls: WallTable | None = None
+    walls: WallTable | None
+    transmits: NDArray[np.bool_]
 
     @property
     def planes(self) -> int:
         """Number of mirror planes."""
         return len(self.plane_equation)
 
-    def first_hits(self, origins: F64, directions: F64) -> F64:
-        """(R,) distance in m from ``origins`` (R, 3) to the first surface along unit vectors; infinite without one."""
+    def closest(self, origins: F64, directions: F64) -> tuple[F64, NDArray[np.int32]]:
+        """First hits along unit vectors (R, 3).
+
+        Returns:
+            (R,) distance in m, infinite without a hit; (R,) int32 triangle in the order of the tree, −1 without a hit.
+        """
         distance, triangle = np.empty(len(directions)), np.empty(len(directions), dtype=np.int32)
         closest_hits(
             self.mesh, np.ascontiguousarray(origins), np.ascontiguousarray(directions), distance, triangle, *scratch()
         )
-        return np.where(distance < FAR, distance, np.inf)
+        return np.where(distance < FAR, distance, np.inf), triangle
+
+    def first_hits(self, origins: F64, directions: F64) -> F64:
+        """(R,) distance in m from ``origins`` (R, 3) to the first surface along unit vectors; infinite without one."""
+        return self.closest(origins, directions)[0]
 
 
 def scratch() -> tuple[NDArray[np.int32], F64]:
@@ -110,6 +120,7 @@ def surfaces_of(mesh: AcousticMesh) -> AcousticSurfaces:
         rims_of(tables, equation, bounds),
         edges_of(mesh),
         WallTable.of(triangles, material, known),
+        np.array([one.transmission is not None for one in known], dtype=np.bool_),
     )
 
 
