@@ -29,13 +29,19 @@ FRAME = "RGB + ids + depth, 1008² (CPU s)"
 _PROGRAM = "import json; from benchmarks.bench_vision import run_all; print(json.dumps(run_all({repeats})))"
 
 
+def _search_path(checkout: Path) -> str:
+    """``PYTHONPATH`` of a checkout: its root, then what this process has of packages, but for its own checkout."""
+    others = [entry for entry in os.environ.get("PYTHONPATH", "").split(os.pathsep) if entry]
+    return os.pathsep.join([str(checkout), *(entry for entry in others if Path(entry).resolve() != HERE)])
+
+
 def measure(checkout: Path, repeats: int) -> dict[str, float]:
-    """The figures of one checkout.
+    """The figures of one checkout, with the packages of this process.
 
     Raises:
         Avs3dError: if it cannot be measured.
     """
-    environment = os.environ | {"PYTHONPATH": str(checkout), "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+    environment = os.environ | {"PYTHONPATH": _search_path(checkout), "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
     done = subprocess.run(
         [sys.executable, "-c", _PROGRAM.format(repeats=repeats)],
         cwd=checkout, env=environment, capture_output=True, text=True, check=False,

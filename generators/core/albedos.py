@@ -38,9 +38,9 @@ def albedo_table() -> F32:
         out = 2.0 * along * half[..., 2] - cosine
         seen, lit = smith_lambda(cosine, alpha), smith_lambda(np.clip(out, 1e-6, 1.0), alpha)
         weight = np.where(out > 0.0, (1.0 + seen) / (1.0 + seen + lit), 0.0)
-        grazing = (1.0 - np.clip(along, 0.0, 1.0)) ** 5
-        table[row, :, 0] = (weight * (1.0 - grazing)).mean(axis=1)
-        table[row, :, 1] = (weight * grazing).mean(axis=1)
+        rest = grazing(along)
+        table[row, :, 0] = (weight * (1.0 - rest)).mean(axis=1)
+        table[row, :, 1] = (weight * rest).mean(axis=1)
     return table.astype(np.float32)
 
 
@@ -53,6 +53,11 @@ def dielectric_albedo(roughness: float) -> float:
     rows = np.arange(ROUGHNESSES) / (ROUGHNESSES - 1)
     towards = albedo_table() @ np.array([DIELECTRIC, 1.0], dtype=np.float32)
     return float(np.interp(roughness, rows, (towards * 2.0 * cosine).mean(axis=1)))
+
+
+def grazing(cosine: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Share of 1 − F0 that a surface reflects besides F0, by Schlick's Fresnel term, at an angle to the normal."""
+    return np.asarray((1.0 - np.clip(cosine, 0.0, 1.0)) ** 5)
 
 
 def smith_lambda(cosine: NDArray[np.float64], alpha: float | NDArray[np.float64]) -> NDArray[np.float64]:

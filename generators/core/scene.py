@@ -359,7 +359,7 @@ class Scene:
         raise Avs3dError(f"{self.name}: no room {excerpt(name)}; it has {', '.join(known) or 'none'}{hint}")
 
     @property
-    def veil(self) -> F32:
+    def black(self) -> F32:
         """(3,) float32 radiance that lies over everything, as in the pictures of the scan (`ScanLight.black`)."""
         return np.zeros(3, dtype=np.float32) if self.scan_light is None else self.scan_light.black
 

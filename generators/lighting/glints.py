@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from generators.core.albedos import DIELECTRIC, smith_lambda, visible_normals
+from generators.core.albedos import DIELECTRIC, grazing, smith_lambda, visible_normals
 from generators.core.arrays import dot_rows
 from generators.core.low_discrepancy import square_points
 from generators.core.rays import Tracer
@@ -113,7 +113,7 @@ def _mirrored(
         smith_lambda(cosine[:, None], alpha[:, None]),
         smith_lambda(np.clip(out[..., 2], 1e-6, 1.0), alpha[:, None]),
     )
-    fresnel = DIELECTRIC + (1.0 - DIELECTRIC) * (1.0 - np.clip(along, 0.0, 1.0)) ** 5
+    fresnel = DIELECTRIC + (1.0 - DIELECTRIC) * grazing(along)
     weight = np.where(out[..., 2] > 0.0, fresnel * (1.0 + seen) / (1.0 + seen + lit), 0.0)
     world = out[..., :1] * ahead[:, None] + out[..., 1:2] * aside[:, None] + out[..., 2:] * normal[:, None]
     return np.ascontiguousarray(world, dtype=np.float32), weight

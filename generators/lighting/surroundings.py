@@ -91,7 +91,7 @@ class Surroundings:
         """The surroundings of objects with the bounds ``boxes``."""
         scanned = np.array([scene.is_scan(part) for part in scene.parts], dtype=bool)
         lit = LitScene.of(scene.parts, scanned.tolist() if scanned.any() else None)
-        black = scene.veil
+        black = scene.black
         lit = without_black(lit, scanned, black)
         surfaces = lit.surfaces
         mapped = np.array([part.light is not None for part in scene.parts])

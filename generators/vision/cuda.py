@@ -174,6 +174,7 @@ class CudaSession:
         launch(device.mark_mirrored, pixels, view, frame.arrays)
         launch(device.collect, pixels, frame.arrays)
         edges = int(frame.arrays.number.copy_to_host()[0])
+        frame.fetch_geometry()
         samples = len(SUB_PIXELS)
 
         def refine(first: int, last: int) -> None:
@@ -216,17 +217,17 @@ class _Frame:
         self._depth = pinned(pixels, np.float32)
         self._ids = pinned(pixels, np.uint16)
 
+    def fetch_geometry(self) -> None:
+        """Fetch depth and ids, which edges do not change; `fetched` then copies them while the device works on."""
+        self.arrays.depth.copy_to_host(self._depth)
+        self.arrays.ids.copy_to_host(self._ids)
+
     def fetched(self) -> RenderedView:
         """The frame, in memory of its own."""
-        arrays = self.arrays
-        for there, here in ((arrays.rgb, self._rgb), (arrays.depth, self._depth), (arrays.ids, self._ids)):
-            there.copy_to_host(here)
         height, width = self._shape
-        return RenderedView(
-            rgb=self._rgb.reshape(height, width, 3).copy(),
-            depth=self._depth.reshape(height, width).copy(),
-            instance_ids=self._ids.reshape(height, width).copy(),
-        )
+        depth, ids = self._depth.reshape(height, width).copy(), self._ids.reshape(height, width).copy()
+        self.arrays.rgb.copy_to_host(self._rgb)
+        return RenderedView(rgb=self._rgb.reshape(height, width, 3).copy(), depth=depth, instance_ids=ids)
 
 
 class _Rays:

@@ -62,6 +62,9 @@ class EmbreeBackend:
 class EmbreeSession:
     """An open scene. For one thread at a time, since frames share working memory; `share` serves another thread."""
 
+    #: Whether `_keep` does anything: hits are then held until the whole frame is shaded, 32 bytes a pixel.
+    _keeps = False
+
     def __init__(self, scene: Scene, intrinsics: Intrinsics) -> None:
         check_camera(intrinsics)
         from generators.vision import kernels
@@ -186,15 +189,16 @@ class EmbreeSession:
         hits = []
         for block, hit in self._trace_centres(tracer, view):
             kernels.write_geometry(hit["primID"], hit["tfar"], tables, depth[block], ids[block])
-            hits.append((block, hit))
+            if self._keeps:
+                hits.append((block, hit))
         self._add_reflections()
+        kernels.picture(self._face, tables, self._tone, WHITE, self._srgb, self._radiance, rgb)
         for block, hit in hits:
             light = self._radiance[block]
             kernels.develop(hit["primID"], tables, self._tone, WHITE, light)
             directions = self._directions[: len(light)]
             kernels.centre_directions(view, block.start // view.width, len(light) // view.width, directions)
             self._keep(hit, directions, view, 1.0, light, block)
-            kernels.encode(light.reshape(-1), self._srgb, rgb[block].reshape(-1))
 
     def _refine_edges(self, tracer: Tracer, view: PinholeView, rgb: np.ndarray, depth: np.ndarray) -> None:
         """Shoot the pixels at edges again and average."""
@@ -217,7 +221,8 @@ class EmbreeSession:
             if self._reflections is not None:
                 self._reflections.refine(hit, directions, view, chunk, self._face, light)
             kernels.develop(hit["primID"], tables, self._tone, WHITE, light)
-            self._keep(hit, directions, view, 0.5, light, chunk)
+            if self._keeps:
+                self._keep(hit, directions, view, 0.5, light, chunk)
             kernels.average(light, samples, self._srgb, chunk, rgb)
 
     def _keep(
@@ -229,7 +234,7 @@ class EmbreeSession:
         light: np.ndarray,
         pixels: slice | np.ndarray,
     ) -> None:
-        """For renderers built on this one: what the rays of some pixels, as many for each, have brought."""
+        """For renderers built on this one, if `_keeps`: what the rays of some pixels, as many for each, brought."""
 
     def _shade(
         self, hit: dict[str, np.ndarray], directions: np.ndarray, view: PinholeView, spread: float, light: np.ndarray

@@ -40,8 +40,8 @@ STEP = np.float32(0.01)
 NARROW = 1.0
 #: Metres ahead of the camera from which triangles are projected.
 NEAREST = 0.02
-#: Contrast of neighbours, in 8-bit levels, below which an edge is not worth more rays.
-VISIBLE = 3
+#: Contrast of neighbours, in 8-bit levels, up to which an edge is not worth more rays.
+VISIBLE = 6
 #: Contrast beyond which neighbours on different faces are an edge even if the surface goes on smoothly.
 STRONG = 16
 
@@ -200,7 +200,7 @@ def _filtered(
             ux, uy = (root + half, xy) if half >= _ZERO else (xy, root - half)
             scale = np.float32(math.sqrt(major2 / (ux * ux + uy * uy)))
             du, dv = ux * scale / width, uy * scale / height
-    lod = max(_ZERO, min(np.float32(last - level0), _HALF * np.log2(minor2)))
+    lod = min(np.float32(last - level0), _HALF * np.log2(minor2)) if minor2 > _ONE else _ZERO
     level = int(lod)
     blend = lod - np.float32(level)
     level += level0
@@ -213,10 +213,10 @@ def _filtered(
         along = (np.float32(k) + _HALF) * weight - _HALF
         x, y = s + along * du, t + along * dv
         r, g, b = _bilinear(texels, decode, base, high, wide, x, y)
-        r2, g2, b2 = _bilinear(texels, decode, base2, high2, wide2, x, y)
-        red += r + blend * (r2 - r)
-        green += g + blend * (g2 - g)
-        blue += b + blend * (b2 - b)
+        if blend > _ZERO:
+            r2, g2, b2 = _bilinear(texels, decode, base2, high2, wide2, x, y)
+            r, g, b = r + blend * (r2 - r), g + blend * (g2 - g), b + blend * (b2 - b)
+        red, green, blue = red + r, green + g, blue + b
     return red * weight, green * weight, blue * weight
 
 
@@ -446,6 +446,20 @@ def encode(light: F32, srgb: U8, out: U8) -> None:
     """8-bit sRGB (N,) of linear display light (N,)."""
     for i in range(light.shape[0]):
         out[i] = _level(srgb, light[i])
+
+
+@njit
+def picture(face: I32, tables: SceneTables, tone: F32, white: float, srgb: U8, radiance: F32, out: U8) -> None:
+    """8-bit sRGB (N, 3) of the radiance (N, 3) of hits, which is left as it is; see `develop` and `encode`."""
+    scale = np.float32(1.0 / white)
+    surfaces, developed = tables.surface, tables.developed
+    for i in range(face.shape[0]):
+        if face[i] >= 0 and not developed[surfaces[face[i]]]:
+            for k in range(3):
+                out[i, k] = _level(srgb, _tone(tone, scale, radiance[i, k]))
+        else:
+            for k in range(3):
+                out[i, k] = _level(srgb, radiance[i, k])
 
 
 @inline

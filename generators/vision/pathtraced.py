@@ -105,7 +105,7 @@ class PathtracedSession:
     def __init__(self, mi: Any, scene: Scene, intrinsics: Intrinsics) -> None:
         check_camera(intrinsics)
         scene = scene.shown
-        self._mi, self._intrinsics, self._gains, self._veil = mi, intrinsics, scene.gains, scene.veil
+        self._mi, self._intrinsics, self._gains, self._black = mi, intrinsics, scene.gains, scene.black
         self._labels = EmbreeBackend().open(scene, intrinsics)
         self._scenes = MitsubaScene(mi, scene).scenes
         # The last one of each stands for no face.
@@ -128,7 +128,7 @@ class PathtracedSession:
             albedo = np.where(shines[..., None], np.minimum(radiance, 1.0), albedo)
             radiance = np.where(_inside(shines), radiance, _denoised(radiance, albedo, normal))
         # Photographs, with the shadows that objects cast on them, and what windows show come from the other renderer.
-        rgb = np.where(_inside(self._is_picture[face]), labels.rgb, develop(radiance + self._veil))
+        rgb = np.where(_inside(self._is_picture[face]), labels.rgb, develop(radiance + self._black))
         return RenderedView(rgb=rgb, depth=labels.depth, instance_ids=labels.instance_ids)
 
     def share(self) -> None:

@@ -743,6 +743,8 @@ def smooth(
     stride, length = (width, height) if down else (1, width)
     for i in range(first, last):
         around = radius[i]
+        if around < _ZERO:  # nobody reads it
+            continue
         if around <= _HALF:
             for c in range(3):
                 out[i, c] = lobe[i, c]

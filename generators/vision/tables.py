@@ -131,7 +131,7 @@ def build_tables(scene: Scene) -> tuple[SceneTables, F32]:
         light=np.where(shown, np.int32(-1), light_of_part[part_of]),
         instance=np.array([part.instance_id for part in scene.parts], dtype=np.uint16)[part_of],
         albedo=np.array(albedo, dtype=np.float32),
-        emission=np.where((shown | (developed > 0))[:, None], np.float32(0), glow + scene.veil),
+        emission=np.where((shown | (developed > 0))[:, None], np.float32(0), glow + scene.black),
         shine=np.array([_shine(m, bool(done)) for m, done in zip(materials, developed, strict=True)], dtype=np.uint8),
         finish=np.array([(m.roughness, m.metallic, m.transmission, m.clearcoat) for m in materials], dtype=np.float32),
         colour=np.array([material.colour for material in materials], dtype=np.float32),

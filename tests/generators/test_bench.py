@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections import defaultdict
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from avs3d_bench.errors import Avs3dError
 from benchmarks import bench_acoustics
 from benchmarks.bench_pipeline import timed_engines
 from benchmarks.dataset_report import facts
-from benchmarks.frame_time import compared, measure
+from benchmarks.frame_time import HERE, compared, measure
 from generators.observation import prepare
 from generators.observation.generate import generate_observation
 from generators.options import GenerateOptions
@@ -63,6 +64,19 @@ def test_two_checkouts_are_compared_by_the_medians_of_their_rounds() -> None:
     before = [{"frame": 1.0, "gone": 3.0}, {"frame": 9.0, "gone": 3.0}, {"frame": 2.0, "gone": 3.0}]
     now = [{"frame": 3.0, "new": 1.0}, {"frame": 2.5, "new": 1.0}, {"frame": 50.0, "new": 1.0}]
     assert compared(before, now) == {"frame": {"before": 2.0, "now": 3.0, "ratio": 1.5}}
+
+
+def test_another_checkout_is_measured_with_the_packages_of_this_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other, site = tmp_path / "other", tmp_path / "site"
+    (other / "benchmarks").mkdir(parents=True)
+    site.mkdir()
+    (site / "only_here.py").write_text("FIGURE = 2.5\n")
+    program = "import only_here\n\ndef run_all(repeats):\n    return {'frame': repeats * only_here.FIGURE}\n"
+    (other / "benchmarks" / "bench_vision.py").write_text(program)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(HERE), str(site)]))
+    assert measure(other, repeats=2) == {"frame": 5.0}
 
 
 def test_a_checkout_that_is_none_of_this_project_is_one_line(tmp_path: Path) -> None:

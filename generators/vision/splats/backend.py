@@ -175,6 +175,8 @@ def _check_place(cloud: SplatCloud, scene: Scene, path: Path) -> None:
 class SplatsSession(EmbreeSession):
     """An open scene. For one thread at a time; `share` serves another thread."""
 
+    _keeps = True
+
     def __init__(self, scene: Scene, intrinsics: Intrinsics, cloud: SplatCloud, painter: Painter) -> None:
         from generators.vision.splats import kernels
 
