@@ -18,6 +18,8 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -66,15 +68,36 @@ def generate_here(root: Path, vision: Any, samples: int, **options: Any) -> None
         click.echo(f"{root.name}/{plan.key}: {time.process_time() - started:.0f} s CPU", err=True)
 
 
-def score(roots: Sequence[Path], scores: Path, *, device: str, iterations: int, most: int | None) -> None:
-    """Run and score the methods on the datasets, with at most ``most`` Gaussians.
+def generate_all(roots: Sequence[Path], samples: int, only: Sequence[str], workers: int, **options: Any) -> None:
+    """Generate the observations ``only`` of all datasets, ``workers`` of them at the same time.
+
+    Raises:
+        Avs3dError: if one of them fails.
+    """
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        jobs = [
+            pool.submit(generate_here, root, PICTURES[root.name], samples, only=(key,), device="cpu", **options)
+            for root in roots
+            for key in only
+        ]
+        for job in jobs:
+            job.result()
+
+
+def score(
+    roots: Sequence[Path], scores: Path, *, device: str, trainings: int, iterations: int, most: int | None
+) -> None:
+    """Run and score the methods on the datasets, with at most ``most`` Gaussians, ``trainings`` at a time on a GPU.
 
     Raises:
         Avs3dError: if one of them fails.
     """
     command = [sys.executable, "-m", "benchmarks.listener_tables", *map(str, roots), "-o", str(scores), "--rows", "2d"]
     command += ["--work", str(scores / "work"), "--iterations", str(max(iterations, 1))]
-    command += ["--device", device] if device == "cpu" else []  # else all GPUs
+    from baselines.echosegnet.jobs import all_devices
+
+    for name in ("cpu",) if device == "cpu" else all_devices() * trainings:
+        command += ["--device", name]
     command += ["--max-gaussians", str(most)] if most else []
     command += ["--rows", "official", "--rows", "spatial"] if iterations else []
     if subprocess.run(command, check=False).returncode:
@@ -130,6 +153,8 @@ def comparisons(tables: Mapping[str, Table]) -> dict[str, dict[str, Any]]:
 @click.option("--iterations", default=0, show_default=True, help="Of EchoSegnet's training; 0: without EchoSegnet.")
 @click.option("--max-gaussians", "most", type=int, default=None, help="Cap on the number of Gaussians [none].")
 @click.option("--device", type=click.Choice(["cpu", "cuda"]), default="cpu", show_default=True)
+@click.option("--workers", default=1, show_default=True, help="Observations that are generated at the same time.")
+@click.option("--trainings", default=1, show_default=True, help="Of EchoSegnet at the same time on each GPU.")
 @click.option("--only", multiple=True, default=OBSERVATIONS, help="Keys of other observations; repeatable [twelve].")
 def main(
     output: Path,
@@ -140,14 +165,15 @@ def main(
     iterations: int,
     most: int | None,
     device: Any,
+    workers: int,
+    trainings: int,
     only: Any,
 ) -> None:
     """Generate, score and compare."""
     roots = [output / name for name in PICTURES]
     try:
-        for root in roots:
-            generate_here(root, PICTURES[root.name], samples, size=size, frames=frames, device=device, only=only)
-        score(roots, output / "scores", device=device, iterations=iterations, most=most)
+        generate_all(roots, samples, only, workers, size=size, frames=frames)
+        score(roots, output / "scores", device=device, trainings=trainings, iterations=iterations, most=most)
     except Avs3dError as error:
         raise click.ClickException(str(error)) from None
     methods = list(METHODS) if iterations else ["2d"]

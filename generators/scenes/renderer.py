@@ -16,7 +16,7 @@ from generators.backends import vision_backend
 from generators.core.limits import MOST_CORES
 from generators.core.scene import Scene
 from generators.vision.base import RenderedView, VisionBackend, VisionSession
-from generators.vision.views import check_camera
+from generators.vision.views import check_camera, room_at
 
 #: Largest number of frames that an observation renders at the same time. With more, its sound, which one process
 #: computes, would take longer than its frames (docs/scaling.md).
@@ -190,18 +190,6 @@ class Renderer:
         if self._session is not None:
             self._session.close()
         self._session = self._opened = None
-
-
-def room_at(scene: Scene, pose: Pose) -> str:
-    """The room of ``scene`` in which a camera stands: the nearest box; "" where the scene has no rooms."""
-    x, y, z = pose.position
-
-    def distance(low: tuple[float, float, float], high: tuple[float, float, float]) -> float:
-        outside = (max(a - p, p - b, 0.0) for a, p, b in zip(low, (x, y, z), high, strict=True))
-        return sum(each * each for each in outside)
-
-    nearest = min(scene.rooms, key=lambda room: distance(room.low, room.high), default=None)
-    return nearest.name if nearest else ""
 
 
 def _same(one: tuple[Scene, str, Intrinsics], other: tuple[Scene, str, Intrinsics]) -> bool:

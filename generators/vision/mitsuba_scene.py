@@ -33,6 +33,7 @@ from generators.core.scene import Material, Mesh, Room, Scene
 from generators.core.tone import decode_table, inverse_tone_curve
 from generators.lighting.sun import SUN_RADIUS, Sun, find_sun
 from generators.lighting.surfaces import LitSurfaces
+from generators.vision.lamps import Lamp, lamp_weights
 from generators.vision.mitsuba_materials import MitsubaMaterials, is_mirrored, look_of
 
 F32 = NDArray[np.float32]
@@ -41,10 +42,6 @@ F32 = NDArray[np.float32]
 VARIANTS = ("llvm_ad_rgb", "scalar_rgb")
 #: Distance of the disc that stands for the sun (m): across a home its direction turns by 10⁻⁴.
 _SUN_DISTANCE = 1e5
-#: How often lamps of other rooms are sampled, over those of the room in the picture, for equal power.
-_ELSEWHERE = 0.05
-#: Lamps this far outside of a room's box belong to it (m): the panes of its windows lie in the wall.
-_WALL = 0.4
 #: A path ends after this many reflections; at a mean albedo of 0.7 it then carries 10⁻⁵ of its light.
 MAX_DEPTH = 32
 #: Steps in a stop in which the light of photographs is told apart, and the least light that counts.
@@ -91,7 +88,7 @@ def _works(variant: str) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Group:
-    """Faces of one material: corners, shading normals and texture coordinates (F, 3, …), and the faces' area (m²).
+    """Faces of one material: corners, shading normals and texture coordinates (F, 3, …).
 
     ``mirrored``: whether the texture coordinates are.
     """
@@ -102,11 +99,6 @@ class _Group:
     uv: F32
     mirrored: bool = False
 
-    @property
-    def area(self) -> float:
-        edges = self.positions.astype(np.float64)
-        return float(np.linalg.norm(np.cross(edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 0]), axis=1).sum() / 2)
-
 
 class MitsubaScene:
     """A scene as Mitsuba sees it.
@@ -114,21 +106,23 @@ class MitsubaScene:
     Args:
         mi: from `load_mitsuba`.
         scene: the scene; its light maps are not read.
-        room: the room whose pictures are rendered: its lamps are sampled more often, which changes the noise alone.
+        room: the room whose pictures are rendered: lamps that light it are tried more often than others
+            (`generators.vision.lamps`), which changes the noise alone.
 
     Attributes:
         scenes: Mitsuba's scenes, whose radiance adds up.
     """
 
     def __init__(self, mi: Any, scene: Scene, room: Room | None = None) -> None:
-        self._mi, self._room = mi, room
+        self._mi = mi
         self._materials = MitsubaMaterials(mi)
         surfaces = LitSurfaces.of(scene.parts)
-        sun = find_sun(scene.name, surfaces, Tracer(surfaces.triangles))
+        tracer = Tracer(surfaces.triangles)
+        sun = find_sun(scene.name, surfaces, tracer)
         pane = np.zeros(len(surfaces.triangles), dtype=bool) if sun is None else sun.pane
-        self.scenes = [self._load(self._groups(scene, np.ones(len(pane), dtype=bool)), None)]
+        self.scenes = [self._lit_by_lamps(self._groups(scene, np.ones(len(pane), dtype=bool)), tracer, room)]
         if sun is not None and not pane.all():
-            self.scenes.append(self._load(self._groups(scene, ~pane), sun))
+            self.scenes.append(self._lit_by(sun, self._groups(scene, ~pane)))
 
     def render(self, pose: Pose, camera: Intrinsics, samples: int, seed: int = 0) -> F32:
         """Radiance (H, W, 3) float32, the mean over each pixel's square.
@@ -170,37 +164,44 @@ class MitsubaScene:
             )
         return total
 
-    def _load(self, groups: list[_Group], sun: Sun | None) -> Any:
-        """A scene lit by the sun alone, or, without it, by all that emits."""
-        mi = self._mi
-        shapes: dict[str, Any] = {"type": "scene"}
-        for number, group in enumerate(groups):
-            shapes[f"mesh_{number}"] = self._mesh(group, emits=sun is None and max(group.material.emission) > 0)
-        if sun is not None:
-            corners = np.concatenate([group.positions.reshape(-1, 3) for group in groups]).astype(np.float64)
-            middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
-            away = middle + _SUN_DISTANCE * sun.direction
-            radiance = np.asarray(sun.radiance, dtype=np.float64) / SUN_RADIUS**2
-            shapes["sun"] = {
-                "type": "disk",
-                "to_world": mi.ScalarTransform4f().look_at(
-                    origin=away.tolist(), target=middle.tolist(), up=[0.0, 1.0, 0.0]
-                )
-                @ mi.ScalarTransform4f().scale(SUN_RADIUS * _SUN_DISTANCE),
-                "emitter": {"type": "area", "radiance": {"type": "rgb", "value": radiance.tolist()}},
-            }
-        return mi.load_dict(shapes)
+    def _lit_by_lamps(self, groups: list[_Group], tracer: Tracer, room: Room | None) -> Any:
+        """A scene lit by all that emits."""
+        lamps = {
+            number: Lamp(group.positions, group.normals, group.material.emission)
+            for number, group in enumerate(groups)
+            if max(group.material.emission) > 0
+        }
+        weights = dict(zip(lamps, lamp_weights(list(lamps.values()), tracer, room).tolist(), strict=True))
+        shapes = {f"mesh_{number}": self._mesh(group, weights.get(number)) for number, group in enumerate(groups)}
+        return self._mi.load_dict({"type": "scene", **shapes})
 
-    def _mesh(self, group: _Group, *, emits: bool) -> Any:
+    def _lit_by(self, sun: Sun, groups: list[_Group]) -> Any:
+        """A scene lit by the sun alone."""
+        mi = self._mi
+        corners = np.concatenate([group.positions.reshape(-1, 3) for group in groups]).astype(np.float64)
+        middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+        away = middle + _SUN_DISTANCE * sun.direction
+        radiance = np.asarray(sun.radiance, dtype=np.float64) / SUN_RADIUS**2
+        disc = {
+            "type": "disk",
+            "to_world": mi.ScalarTransform4f().look_at(origin=away.tolist(), target=middle.tolist(), up=[0.0, 1.0, 0.0])
+            @ mi.ScalarTransform4f().scale(SUN_RADIUS * _SUN_DISTANCE),
+            "emitter": {"type": "area", "radiance": {"type": "rgb", "value": radiance.tolist()}},
+        }
+        shapes = {f"mesh_{number}": self._mesh(group, None) for number, group in enumerate(groups)}
+        return mi.load_dict({"type": "scene", **shapes, "sun": disc})
+
+    def _mesh(self, group: _Group, tried: float | None) -> Any:
+        """Faces, which emit if they are ``tried`` as lamps: so often."""
         mi = self._mi
         properties = mi.Properties()
         properties["mesh_bsdf"] = self._materials.bsdf(group.material, mirrored=group.mirrored)
-        if emits:
+        if tried is not None:
             properties["mesh_emitter"] = mi.load_dict(
                 {
                     "type": "area",
                     "radiance": {"type": "rgb", "value": list(group.material.emission)},
-                    "sampling_weight": self._weight(group),
+                    "sampling_weight": tried,
                 }
             )
         count = len(group.positions)
@@ -216,16 +217,6 @@ class MitsubaScene:
         arrays["faces"] = np.arange(3 * count, dtype=np.uint32)
         arrays.update()
         return mesh
-
-    def _weight(self, group: _Group) -> float:
-        """How often an emitter is sampled: by its power, less if it is outside of the room."""
-        power = group.area * sum(group.material.emission)
-        if self._room is None:
-            return power
-        low, high = np.array(self._room.low) - _WALL, np.array(self._room.high) + _WALL
-        centre = group.positions.reshape(-1, 3)
-        inside = bool(np.all((centre >= low) & (centre <= high), axis=1).any())
-        return power * (1.0 if inside else _ELSEWHERE)
 
     def _groups(self, scene: Scene, wanted: NDArray[np.bool_]) -> list[_Group]:
         """The ``wanted`` faces (F,) of a scene by material; lamps by part too, so that each is sampled for itself."""

@@ -16,12 +16,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from math import ceil
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.core.freespace import Navigable
 from generators.core.scene import F32, Material, Part, Scene
@@ -29,7 +31,7 @@ from generators.core.tone import WHITE, develop
 from generators.vision.base import RenderedView
 from generators.vision.embree import EmbreeBackend
 from generators.vision.mitsuba_scene import MAX_DEPTH, ROULETTE_DEPTH, MitsubaScene, load_mitsuba
-from generators.vision.views import check_camera, pose_number, trial_scene, view_of
+from generators.vision.views import check_camera, pose_number, room_at, trial_scene, view_of
 
 #: Paths a pixel, for each of the two scenes (lamps and sky; the sun).
 SAMPLES = 64
@@ -104,15 +106,17 @@ class PathtracedSession:
 
     def __init__(self, mi: Any, scene: Scene, intrinsics: Intrinsics) -> None:
         check_camera(intrinsics)
-        scene = scene.shown
-        self._mi, self._intrinsics, self._gains, self._black = mi, intrinsics, scene.gains, scene.black
-        self._labels = EmbreeBackend().open(scene, intrinsics)
-        self._scenes = MitsubaScene(mi, scene).scenes
+        self._mi, self._intrinsics = mi, intrinsics
+        self._scene: Scene | None = scene.shown
+        self._labels = EmbreeBackend().open(self._scene, intrinsics)
         # The last one of each stands for no face.
         self._is_picture = _of_faces(scene, lambda part, material: scene.is_scan(part) or material.shown is not None)
         self._shines = self._is_picture | _of_faces(scene, lambda part, material: max(material.emission) > 0)
-        self._path = mi.load_dict({"type": "path", "max_depth": MAX_DEPTH, "rr_depth": ROULETTE_DEPTH})
-        self._guide = mi.load_dict({"type": "aov", "aovs": "albedo:albedo,normal:sh_normal"})
+        most = max(1, _PATHS[mi.variant().split("_")[0]] // (SAMPLES * intrinsics.width))
+        #: Rows of a block; all have as many, so that one recorded program serves them all.
+        self._rows = ceil(intrinsics.height / ceil(intrinsics.height / most))
+        self._room: str | None = None
+        self._programs: list[tuple[Any, Callable[..., list[Any]]]] = []
 
     def render(self, pose: Pose) -> RenderedView:
         """Render the scene from ``pose``; the same pose gives the same bytes on one kind of device.
@@ -120,15 +124,19 @@ class PathtracedSession:
         Raises:
             Avs3dError: if the session has been closed.
         """
-        labels = self._labels.render(pose)
-        radiance, albedo, normal = self._trace(pose)
+        if self._scene is None:
+            raise Avs3dError("the renderer's session is closed; open the scene again")
+        traced = self._trace(self._scene, pose)
+        labels = self._labels.render(pose)  # while the device follows the paths
+        radiance, albedo, normal = self._fetched(traced)
         face = self._labels.faces
         if _denoiser_version() is not None:
             shines = self._shines[face]
             albedo = np.where(shines[..., None], np.minimum(radiance, 1.0), albedo)
             radiance = np.where(_inside(shines), radiance, _denoised(radiance, albedo, normal))
         # Photographs, with the shadows that objects cast on them, and what windows show come from the other renderer.
-        rgb = np.where(_inside(self._is_picture[face]), labels.rgb, develop(radiance + self._black))
+        shown = develop(radiance + self._scene.black)
+        rgb = np.where(_inside(self._is_picture[face]), labels.rgb, shown)
         return RenderedView(rgb=rgb, depth=labels.depth, instance_ids=labels.instance_ids)
 
     def share(self) -> None:
@@ -138,58 +146,98 @@ class PathtracedSession:
     def close(self) -> None:
         """Free the resources of the session; closing twice is allowed."""
         self._labels.close()
-        self._scenes = []
+        self._scene, self._programs = None, []
 
-    def _trace(self, pose: Pose) -> tuple[F32, F32, F32]:
-        """Exposed radiance, albedo and normal (H, W, 3) of each pixel, the mean over its square."""
+    def _programs_for(self, scene: Scene, room: str) -> list[tuple[Any, Callable[..., list[Any]]]]:
+        """Each of Mitsuba's scenes, and the program that follows its paths, with lamps tried as suits ``room``.
+
+        What Python says about hundreds of materials and lamps takes seconds; Dr.Jit records it with the first block,
+        and repeats the kernels alone for all others. It records the lamps' shares, too.
+        """
         import drjit as dr
 
-        camera, most = self._intrinsics, MOST_LIGHT * WHITE
-        rows = max(1, _PATHS[self._mi.variant().split("_")[0]] // (SAMPLES * camera.width))
+        if room != self._room:
+            self._programs = []  # first, for the memory
+            scenes = MitsubaScene(self._mi, scene, scene.room(room) if room else None).scenes
+            width, rows = self._intrinsics.width, self._rows
+            self._programs = [
+                (one, dr.freeze(_program(self._mi, width, rows, guides=number == 0)))
+                for number, one in enumerate(scenes)
+            ]
+            self._room = room
+        return self._programs
+
+    def _trace(self, scene: Scene, pose: Pose) -> list[list[list[Any]]]:
+        """What `_program` gives for each block and scene; the device may still be at work on it."""
+        import drjit as dr
+
+        mi, view, programs = self._mi, view_of(self._intrinsics, pose), self._programs_for(scene, room_at(scene, pose))
+        given = (view.origin, view.corner, view.right, view.down, scene.gains)
+        vectors = [mi.Vector3f(*(float(each) for each in one)) for one in given]
+        # Opaque: else each pose would be compiled into a kernel of its own.
+        dr.make_opaque(vectors)
         # Each pose has random numbers of its own: with the same ones, noise would stand still before a moving camera.
-        seed = pose_number(pose)
-        total = np.zeros((3, camera.height * camera.width, 3), dtype=np.float32)
-        for first in range(0, camera.height, rows):
-            count = min(rows, camera.height - first) * camera.width
-            block = slice(first * camera.width, first * camera.width + count)
-            for number, scene in enumerate(self._scenes):
-                rays, sampler = self._rays(pose, block.start, count, seed + number)
-                found = self._path.sample(scene, sampler, rays)[0]
-                light = [self._mi.Float(found[channel] * float(self._gains[channel])) for channel in range(3)]
-                # Once for all that follows; and one scene at a time, since OptiX cannot trace two in one kernel.
-                dr.eval(light)
-                total[0, block] += self._means(light, most)
-                if number == 0:
-                    guides = self._guide.sample(scene, sampler, rays)[2]
-                    dr.eval(guides)
-                    total[1, block], total[2, block] = self._means(guides[0:3], 1.0), self._means(guides[3:6], 1.0)
-        radiance, albedo, normal = total.reshape(3, camera.height, camera.width, 3)
+        seed, done = pose_number(pose), []
+        for first in range(0, view.height, self._rows):
+            start = dr.opaque(mi.UInt32, first * view.width)
+            seeds = [dr.opaque(mi.UInt32, (seed + 2 * first + number) & 0xFFFFFFFF) for number in range(len(programs))]
+            # One scene at a time, since OptiX cannot trace two in one kernel.
+            done.append([run(one, start, own, vectors) for (one, run), own in zip(programs, seeds, strict=True)])
+        return done
+
+    def _fetched(self, traced: list[list[list[Any]]]) -> tuple[F32, F32, F32]:
+        """Exposed radiance, albedo and normal (H, W, 3) of each pixel, the mean over its square."""
+        height, width = self._intrinsics.height, self._intrinsics.width
+        blocks = []
+        for scenes in traced:
+            lamps, *others = (np.stack([np.array(sums) for sums in one]) for one in scenes)
+            for sun in others:
+                lamps[:3] += sun
+            blocks.append(lamps)
+        sums = np.concatenate(blocks, axis=1)[:, : height * width]
+        means = np.asarray(sums.reshape(3, 3, height, width) / SAMPLES, dtype=np.float32)
+        radiance, albedo, normal = np.ascontiguousarray(means.transpose(0, 2, 3, 1))
         return radiance, albedo, normal
 
-    def _rays(self, pose: Pose, first: int, count: int, seed: int) -> tuple[Any, Any]:
-        """`SAMPLES` rays through each of ``count`` pixels from ``first`` on, and their random numbers."""
-        import drjit as dr
 
-        mi, view = self._mi, view_of(self._intrinsics, pose)
+def _program(mi: Any, width: int, rows: int, *, guides: bool) -> Callable[..., list[Any]]:
+    """What follows `SAMPLES` paths through each pixel of some rows.
+
+    Args:
+        mi: Mitsuba.
+        width: of the picture.
+        rows: how many.
+        guides: whether albedo and normals are wanted, too.
+
+    Returns:
+        A function of a scene, the number of the first pixel, the seed of the random numbers, and the vectors of the
+        view (origin, corner, right, down) and of the gains; it returns sums over the paths of each pixel: of the light
+        of three channels, none above `MOST_LIGHT` times white, of albedo and of the normal.
+    """
+    import drjit as dr
+
+    path = mi.load_dict({"type": "path", "max_depth": MAX_DEPTH, "rr_depth": ROULETTE_DEPTH})
+    guide = mi.load_dict({"type": "aov", "aovs": "albedo:albedo,normal:sh_normal"})
+    count = width * rows * SAMPLES
+
+    def follow(scene: Any, start: Any, seed: Any, vectors: list[Any]) -> list[Any]:
+        origin, corner, right, down, gains = vectors
         sampler = mi.load_dict({"type": "independent"})
-        # Opaque: else each pose would be compiled into a kernel of its own.
-        start, number = dr.opaque(mi.UInt32, first), dr.opaque(mi.UInt32, seed & 0xFFFFFFFF)
-        origin, corner, right, down = (mi.Vector3f(v) for v in (view.origin, view.corner, view.right, view.down))
-        dr.make_opaque(origin, corner, right, down)
-        sampler.seed(number, count * SAMPLES)
-        pixel = dr.arange(mi.UInt32, count * SAMPLES) // SAMPLES + start
+        sampler.seed(seed, count)
+        pixel = dr.arange(mi.UInt32, count) // SAMPLES + start
         inside = sampler.next_2d()
-        x = mi.Float(pixel % view.width) + inside.x
-        y = mi.Float(pixel // view.width) + inside.y
-        direction = corner + right * x + down * y
-        return mi.RayDifferential3f(mi.Point3f(origin), dr.normalize(direction)), sampler
+        x = mi.Float(pixel % width) + inside.x
+        y = mi.Float(pixel // width) + inside.y
+        rays = mi.RayDifferential3f(mi.Point3f(origin), dr.normalize(corner + right * x + down * y))
+        found = path.sample(scene, sampler, rays)[0]
+        values = [dr.minimum(found[channel] * gains[channel], MOST_LIGHT * WHITE) for channel in range(3)]
+        dr.eval(values)  # once for all that follows
+        if guides:
+            values += [dr.minimum(value, 1.0) for value in guide.sample(scene, sampler, rays)[2][:6]]
+            dr.eval(values)
+        return [dr.block_sum(value, SAMPLES) for value in values]
 
-    def _means(self, values: Any, most: float) -> F32:
-        """(pixels, 3) means of `SAMPLES` consecutive values of each channel, none above ``most``."""
-        import drjit as dr
-
-        sums = [np.array(dr.block_sum(dr.minimum(values[channel], most), SAMPLES)) for channel in range(3)]
-        return np.asarray(np.stack(sums, axis=1) / SAMPLES, dtype=np.float32)
+    return follow
 
 
 def _of_faces(scene: Scene, is_so: Callable[[Part, Material], bool]) -> NDArray[np.bool_]:

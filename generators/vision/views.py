@@ -66,3 +66,15 @@ def trial_scene() -> tuple[Scene, Intrinsics, Pose]:
 
 def _vector(xyz: np.ndarray) -> tuple[float, float, float]:
     return float(xyz[0]), float(xyz[1]), float(xyz[2])
+
+
+def room_at(scene: Scene, pose: Pose) -> str:
+    """The room of ``scene`` in which a camera stands: the nearest box; "" where the scene has no rooms."""
+    x, y, z = pose.position
+
+    def distance(low: tuple[float, float, float], high: tuple[float, float, float]) -> float:
+        outside = (max(a - p, p - b, 0.0) for a, p, b in zip(low, (x, y, z), high, strict=True))
+        return sum(each * each for each in outside)
+
+    nearest = min(scene.rooms, key=lambda room: distance(room.low, room.high), default=None)
+    return nearest.name if nearest else ""

@@ -16,8 +16,8 @@ from avs3d_bench.geometry import Intrinsics, Pose
 from generators import Home, HomeScene, Renderer, acoustics, objects
 from generators.core.scene import Scene
 from generators.core.seeds import random_numbers
-from generators.scenes.renderer import room_at
 from generators.scenes.showing import show
+from generators.vision.views import room_at
 from tests.support.homes import ROOM, write_room
 
 CAMERA = Intrinsics.from_fov(64)

@@ -11,11 +11,12 @@ import pytest
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.assets.shapes import MeshBuilder
-from generators.core.scene import Material, Part, Scene, StageFile, Texture
+from generators.core.scene import Material, Part, Room, Scene, StageFile, Texture
 from generators.core.tone import develop
 from generators.vision import pathtraced
 from generators.vision.embree import EmbreeBackend
-from tests.generators.test_light import box_room, ceiling_lamp, matte, scene_of
+from generators.vision.mitsuba_scene import MitsubaScene, load_mitsuba
+from tests.generators.test_light import LAMP, SIZE, box_room, ceiling_lamp, matte, scene_of
 
 pytestmark = pytest.mark.slow
 
@@ -70,6 +71,47 @@ def test_labels_are_those_of_the_default_renderer_and_bytes_repeat(backend: path
     assert np.array_equal(picture(backend, scene), first.rgb)
 
 
+def two_rooms() -> Scene:
+    """A room with a lamp, and another one, out of sight, with a lamp as large that is thirty times as bright."""
+    beside = SIZE[0] + 0.1
+    bright = replace(LAMP, name="bright", emission=tuple(30 * value for value in LAMP.emission))
+    corners = [(beside + x, 2.4, z) for x, z in ((1.6, 1.1), (2.4, 1.1), (2.4, 1.9), (1.6, 1.9))]
+    rooms = tuple(Room(name, (x, 0.0, 0.0), (x + SIZE[0], *SIZE[1:])) for name, x in (("here", 0.0), ("there", beside)))
+    walls = box_room(matte(0.6)).build(), box_room(matte(0.6), shift=beside).build()
+    return scene_of(*walls, ceiling_lamp(2.0, 1.5, 0.8, 2.4), MeshBuilder().quad(corners, bright).build(), rooms=rooms)
+
+
+def test_recorded_programs_give_the_bytes_of_those_that_are_traced_anew_in_any_order_of_rooms(
+    backend: pathtraced.PathtracedBackend, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import drjit
+
+    monkeypatch.setattr(pathtraced, "SAMPLES", 4)
+    monkeypatch.setattr(pathtraced, "_PATHS", {"llvm": 7 * 24 * 4, "cuda": 7 * 24 * 4})  # four blocks, the last padded
+    scene, near, far = two_rooms(), POSE, Pose.from_yaw((SIZE[0] + 2.1, 1.2, 1.5), 0.4)
+    session = backend.open(scene, CAMERA)
+    found = [session.render(pose).rgb for pose in (near, far, near)]
+    session.close()
+    assert np.array_equal(found[0], found[2])
+    assert not np.array_equal(found[0], found[1])
+    with drjit.scoped_set_flag(drjit.JitFlag.KernelFreezing, False):
+        assert np.array_equal(picture(backend, scene, near), found[0])
+
+
+def test_lamps_tried_by_their_light_leave_the_mean_and_lower_the_noise(backend: pathtraced.PathtracedBackend) -> None:
+    scene = two_rooms()
+
+    def traced(room: Room | None) -> np.ndarray:
+        whole = MitsubaScene(load_mitsuba("llvm_ad_rgb"), scene, room)
+        return np.stack([whole.render(POSE, CAMERA, 16, seed=seed) for seed in range(8)])
+
+    by_power, by_light = traced(None), traced(scene.room("here"))
+    spread = [float(one.var(axis=0, ddof=1).mean()) for one in (by_power, by_light)]
+    assert spread[1] < spread[0] / 5
+    error = np.sqrt(sum(spread) / (8 * CAMERA.width * CAMERA.height))  # of the difference of two means of 8 pictures
+    assert abs(by_power.mean() - by_light.mean()) < 4 * error
+
+
 def test_radiance_in_a_furnace(backend: pathtraced.PathtracedBackend) -> None:
     # Everything glows with e and reflects half of what arrives: radiance is 2 e everywhere.
     scene = scene_of(box_room(matte(0.5, emission=(0.2, 0.1, 0.05))).build())
@@ -118,8 +160,6 @@ def test_a_scan_is_shown_as_it_was_photographed(backend: pathtraced.PathtracedBa
 
 
 def test_no_variant_that_works_is_one_line() -> None:
-    from generators.vision.mitsuba_scene import load_mitsuba
-
     with pytest.raises(Avs3dError, match="no variant 'metal_rgb'; expected some of scalar_rgb"):
         load_mitsuba("metal_rgb")
 
