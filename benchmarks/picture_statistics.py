@@ -19,12 +19,13 @@ table of all. Of each picture:
   of 8 × 8 pixels without clipped ones; the lower quartile of the blocks, in steps of 8 bits.
 
 A panorama (equirectangular) is seen as our cameras would: 90°, `YAWS` directions, `SIZE` pixels. Of a panorama 1,024
-pixels wide that is its own resolution. viser, of [inspect], brings three of interiors in ``_assets/hdri`` (Poly Haven,
-CC0): lebombo, st_fagans_interior, empty_warehouse_01.
+pixels wide that is its own resolution. viser, of [inspect], brings some in ``_assets/hdri`` (Poly Haven, CC0): lebombo,
+st_fagans_interior and empty_warehouse_01 of interiors, forest_slope, kiara_1_dawn, rooitou_park, potsdamer_platz and
+venice_sunset of outdoors.
 
 ``--homes N`` also puts a grey card (18 %) into the middle of each room of N homes that no manifest uses: the five upper
 faces of a cube, rendered without the camera's noise. Figures are red over green and blue over green of the mean of the
-faces, as encoded in the picture, and in linear light.
+faces, as encoded in the picture, and in linear light. Without pictures they are added to the figures of ``--name``.
 """
 
 from __future__ import annotations
@@ -323,15 +324,18 @@ def main(
         sources.append(pictures_of(pictures))
     if panoramas:
         sources.append(picture for panorama in panoramas for picture in views_of(panorama))
-    if len(sources) != 1:
-        raise click.UsageError("name one of --dataset, --manifest, --pictures and --panorama")
+    results = read_json(output) if output.exists() else {}
+    if len(sources) > 1 or (not sources and not (homes and name in results)):
+        raise click.UsageError(
+            "name one of --dataset, --manifest, --pictures and --panorama; none to add --homes to the figures of --name"
+        )
     try:
-        found = summary([statistics(picture) for picture in sources[0]])
+        found = summary([statistics(picture) for picture in sources[0]]) if sources else results[name]
         if homes:
             found["grey card"] = grey_cards(homes)
     except Avs3dError as error:
         raise click.ClickException(str(error)) from None
-    results = (read_json(output) if output.exists() else {}) | {name: found}
+    results = results | {name: found}
     write_bytes(output, (json.dumps(results, indent=1) + "\n").encode())
     click.echo(table(results))
     for source, slope in PUBLISHED.items():

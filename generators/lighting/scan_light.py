@@ -131,8 +131,8 @@ def estimate(lit: LitScene, rooms: tuple[Room, ...]) -> ScanLight:
         corners = surfaces.triangles.reshape(-1, 3)
         low, high = (tuple(float(c) for c in end) for end in (corners.min(axis=0), corners.max(axis=0)))
         rooms = (Room("scan", low, high),)  # type: ignore[arg-type]
-    black = black_level(surfaces, rooms)
-    lit = without_black(lit, np.ones(int(surfaces.part.max()) + 1, dtype=bool), black)
+    lift = black_level(surfaces, rooms)
+    lit = without_black(lit, np.ones(int(surfaces.part.max()) + 1, dtype=bool), lift)
     surfaces = lit.surfaces
     looks = _look_around(lit, rooms)
     limit, shining = _bright_points(surfaces, rooms)
@@ -160,7 +160,7 @@ def estimate(lit: LitScene, rooms: tuple[Room, ...]) -> ScanLight:
     up = normal[:, 1] > 0.7
     clipped = LevelPoints(position[up], radiance[up].astype(np.float32))
     sun = find_scan_sun(lit, rooms, _level_points(lit, looks, rooms), clipped, limit)
-    return ScanLight(position, normal, area, radiance.astype(np.float32), limit, beyond, ceiling, glow, sun, black)
+    return ScanLight(position, normal, area, radiance.astype(np.float32), limit, beyond, ceiling, glow, sun, lift)
 
 
 def _level_points(lit: LitScene, looks: _Looks, rooms: tuple[Room, ...]) -> list[LevelPoints]:

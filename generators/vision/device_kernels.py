@@ -33,7 +33,7 @@ TILE_WIDTH, TILE_HEIGHT = 8, 4
 TILE = TILE_WIDTH * TILE_HEIGHT
 
 # Functions that kernels call are names of their own: numba resolves them when it compiles.
-_shade, _develop, _encode, _average = cpu.shade, cpu.develop, cpu.encode, cpu.average
+_shade, _develop, _picture, _average = cpu.shade, cpu.develop, cpu.picture, cpu.average
 _mark_edges, _mark_thin = cpu.mark_edges, cpu.mark_thin
 _write_geometry = cpu.write_geometry
 _add_mean, _reflect, _see_through = mirrors.add_mean, mirrors.reflect, mirrors.see_through
@@ -407,8 +407,7 @@ def finish(tables: SceneTables, tone: F32, white: float, srgb: U8, frame: FrameA
     if i < frame.face.shape[0]:
         own = slice(i, i + 1)
         _add_lobes(frame.factor[own], frame.radius[own], frame.lobe[own], frame.light[own])
-        _develop(frame.face[own], tables, tone, white, frame.light[own])
-        _encode(frame.light[i], srgb, frame.rgb[i])
+        _picture(frame.face[own], tables, tone, white, srgb, frame.light[own], frame.rgb[own])
 
 
 @kernel

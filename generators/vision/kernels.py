@@ -46,7 +46,7 @@ VISIBLE = 6
 STRONG = 16
 
 _1, _2 = np.uint64(1), np.uint64(2)
-_ZERO, _ONE, _HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
+_ZERO, _ONE, _TWO, _HALF = np.float32(0.0), np.float32(1.0), np.float32(2.0), np.float32(0.5)
 #: Share of the view's height at either edge that is left out: texels there mix with those of the other edge.
 VIEW_EDGE = np.float32(0.004)
 
@@ -175,9 +175,9 @@ def _filtered(
     """Linear light of a texture (levels ``level0`` to ``last``) averaged over a pixel's footprint.
 
     (sx, tx) and (sy, ty) are the changes of the coordinates per pixel to the right and down. The footprint is the
-    ellipse with the semi-axes of that 2×2 matrix: trilinear samples are spread along its long axis, at the level that
-    suits its short one (after J. McCormack et al., "Feline: Fast Elliptical Lines for Anisotropic Texture Mapping",
-    SIGGRAPH 1999).
+    ellipse with the semi-axes of that 2×2 matrix: samples are spread along its long axis, at the level that suits its
+    short one (after J. McCormack et al., "Feline: Fast Elliptical Lines for Anisotropic Texture Mapping", SIGGRAPH
+    1999). Levels are blended over the middle half of the way from one to the next: half of all pixels need only one.
     """
     high, wide = size[level0, 0], size[level0, 1]
     height, width = np.float32(high), np.float32(wide)
@@ -202,8 +202,10 @@ def _filtered(
             du, dv = ux * scale / width, uy * scale / height
     lod = min(np.float32(last - level0), _HALF * np.log2(minor2)) if minor2 > _ONE else _ZERO
     level = int(lod)
-    blend = lod - np.float32(level)
+    blend = min(max(_TWO * (lod - np.float32(level)) - _HALF, _ZERO), _ONE)
     level += level0
+    if blend == _ONE:
+        level, blend = level + 1, _ZERO
     base, high, wide = offset[level], size[level, 0], size[level, 1]
     upper = min(level + 1, last)
     base2, high2, wide2 = offset[upper], size[upper, 0], size[upper, 1]

@@ -407,7 +407,7 @@ def reflect(
         if roughness < MIRROR:
             alpha = _ZERO
         else:
-            pixel = pixels[i // samples]
+            pixel = pixels[i] if samples == 1 else pixels[i // samples]
             y = pixel // view.width
             x = pixel - y * view.width
             sparse = 1 if samples == 1 and roughness > HALVED and _is_flat(corner, f) else 0
@@ -760,7 +760,7 @@ def smooth(
         surface = surfaces[f]
         nx, ny, nz = normal[f, 0], normal[f, 1], normal[f, 2]
         lean = alpha[i] * alpha[i] + np.float32(1e-6)
-        reach = int(around)
+        reach, fall = int(around), _ONE / (around + _ONE)
         red = green = blue = total = _ZERO
         top = share = _ZERO
         brightest = i
@@ -775,7 +775,7 @@ def smooth(
                 turn = _ONE - (nx * normal[h, 0] + ny * normal[h, 1] + nz * normal[h, 2])
                 if turn > lean:
                     continue
-            w = _ONE - np.float32(abs(away)) / (around + _ONE)
+            w = _ONE - np.float32(abs(away)) * fall
             red += w * lobe[j, 0]
             green += w * lobe[j, 1]
             blue += w * lobe[j, 2]

@@ -99,6 +99,9 @@ def test_figures_of_a_folder_are_added_to_those_of_other_names(tmp_path: Path) -
     assert figures["one"]["pictures"] == 3
     assert figures["one"]["slope"] == pytest.approx(-2.0, abs=0.3)
     assert "| other | 3 |" in done.output
+    unknown = CliRunner().invoke(main, ["--homes", "1", "--name", "third", "--json", str(record)])
+    assert unknown.exit_code == 2
+    assert "to add --homes to the figures of --name" in unknown.output
     with pytest.raises(Avs3dError, match="no pictures"):
         summary([])
 
