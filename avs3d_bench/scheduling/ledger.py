@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from avs3d_bench.scheduling.tasks import Attempt, Failure, Task
@@ -62,14 +62,22 @@ class Ledger:
         """Whether every task is done or given up."""
         return self._open == 0
 
-    def take(self) -> Next | None:
-        """The next task to start; None if there is none now."""
-        if self._leaders and len(self._ready) < self.ahead:
+    def take(self, own: Collection[str] = (), others: Collection[str] = ()) -> Next | None:
+        """The next task to start; None if there is none now.
+
+        Args:
+            own: groups (`Task.group`) of what the free processes did last: their tasks come first.
+            others: those of what runs: their tasks are left to these processes as long as there is anything else.
+        """
+        item = next((item for item in self._ready if item.task.group in own), None) if own else None
+        apart = [item for item in self._ready if item.task.group not in others] if others else self._ready
+        if item is None and self._leaders and len(apart) < self.ahead:
             item = Next(self._leaders.popleft())
-        elif self._ready:
-            item = self._ready.popleft()
         else:
-            return None
+            item = item or next(iter(apart or self._ready), None)
+            if item is None:
+                return None
+            self._ready.remove(item)
         self._unstarted -= 1
         return item
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Generator, Sequence
+from collections.abc import Collection, Generator, Mapping, Sequence
 from multiprocessing.connection import wait
 from typing import Self
 
@@ -36,12 +36,16 @@ class LocalScheduler:
         everyone = [Supervised(dict(policy.environment), slot=slot, name=f"worker {slot}") for slot in range(slots)]
         free, busy = list(reversed(everyone)), dict[Supervised, Next]()
         loading, warm_up = set[Supervised](), policy.warm_up
+        groups: dict[Supervised, str] = {}  # of what each did last
         try:
             while not ledger.finished:
-                while free and (item := ledger.take()):
-                    worker = _choose(free, item)
+                while free and (item := _next(ledger, free, busy, groups)):
+                    worker = _choose(free, item, groups)
                     worker.start(item.task)
                     busy[worker] = item
+                    groups.pop(worker, None)
+                    if item.task.group is not None:
+                        groups[worker] = item.task.group
                 most = [item.task.most_cores for item in busy.values()]
                 for worker, cores in zip(busy, divide(self.slots, ledger.unstarted, most), strict=True):
                     worker.lend(cores)
@@ -77,6 +81,14 @@ class LocalScheduler:
                 worker.kill()
 
 
+def _next(
+    ledger: Ledger, free: Collection[Supervised], busy: Collection[Supervised], groups: Mapping[Supervised, str]
+) -> Next | None:
+    """The next task: one of a group that a free worker has begun, else none of those that busy ones are at."""
+    own, others = ({groups[worker] for worker in some if worker in groups} for some in (free, busy))
+    return ledger.take(own, others)
+
+
 def _that_ended(loading: Collection[Supervised]) -> list[Supervised]:
     """Those that have nothing more to load; what they say is of no interest."""
     ended = []
@@ -107,12 +119,15 @@ def divide(cores: int, waiting: int, most: Sequence[int]) -> list[int]:
     return shares[::-1]
 
 
-def _choose(free: list[Supervised], item: Next) -> Supervised:
-    """Take a free worker: another than the one that the task failed on, else that one with a new process."""
+def _choose(free: list[Supervised], item: Next, groups: Mapping[Supervised, str]) -> Supervised:
+    """Take a free worker: the one that did the group's last task, and none that the task failed on.
+
+    If there is only the one that it failed on, that one gets a new process.
+    """
     avoid = item.failed[-1].worker.partition(" (")[0] if item.failed else None
-    for at in reversed(range(len(free))):
-        if free[at].worker.partition(" (")[0] != avoid:
-            return free.pop(at)
+    fit = [at for at in reversed(range(len(free))) if free[at].worker.partition(" (")[0] != avoid]
+    if fit:
+        return free.pop(next((at for at in fit if groups.get(free[at], "") == item.task.group), fit[0]))
     worker = free.pop()
     worker.kill()
     return worker

@@ -43,6 +43,7 @@ class Task:
         after_any: it is tried even if that task was tried and failed (as Slurm's dependency ``afterany``).
         limit: seconds after which an attempt is ended; None: never.
         most_cores: how many cores it can make use of (see `Context`).
+        group: of tasks that find much of one another's work in the memory of a process; None: it is in none.
     """
 
     name: str
@@ -52,6 +53,7 @@ class Task:
     after_any: bool = False
     limit: float | None = None
     most_cores: int = 1
+    group: str | None = None
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ same bytes for any chunking and in any process, because each ray is traced by it
 
 from __future__ import annotations
 
+import hashlib
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,9 @@ CHUNK = 1 << 16
 TRACERS = {"cpu": "generators.core.rays:Tracer", "cuda": "generators.core.device_rays:DeviceTracer"}
 #: embreex's value for "no limit"; a ray without a hit returns it unchanged.
 _FAR = np.float32(1e37)
+#: Digest of the triangles of the last scene that was built, and that scene: a home with objects is opened to be drawn,
+#: for lines of sight, and again by each sibling.
+_last: tuple[bytes, Any] | None = None
 
 
 class Tracer:
@@ -53,10 +57,17 @@ class Tracer:
         bad = int((~np.isfinite(triangles)).any(axis=(1, 2)).sum())
         if bad:
             raise Avs3dError(f"ray casting: {bad} of {len(triangles)} triangles are not finite; repair the mesh")
+        global _last
+        digest = hashlib.blake2b(triangles.data).digest()
+        if _last is not None and _last[0] == digest:
+            self._scene = _last[1]
+            return
+        _last = None
         self._scene = EmbreeScene(robust=True)
         TriangleMesh(self._scene, triangles)
         # The first query commits (builds) the scene: done here, so that later queries only read and may share threads.
         self._scene.run(np.zeros((1, 3), dtype=np.float32), np.ones((1, 3), dtype=np.float32))
+        _last = digest, self._scene
 
     def intersect(self, origins: F32, directions: F32, far: F32 | None = None) -> dict[str, Any]:
         """First hits: ``primID`` (-1 where none), barycentric ``u`` and ``v``, distance ``tfar`` in direction lengths.

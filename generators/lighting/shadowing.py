@@ -109,10 +109,15 @@ def _before(position: F32, normal: F32, boxes: list[F32]) -> NDArray[np.bool_]:
     return out
 
 
-def _between(emitters: Emitters, position: F32, boxes: list[F32]) -> NDArray[np.bool_]:
-    """(N, L) whether some box may stand between a point and an emitter, judged by the balls round both."""
-    out = np.zeros((len(position), len(emitters)), dtype=bool)
-    way = emitters.centre[None] - position[:, None]
+def _between(emitters: Emitters, reach: NDArray[np.bool_], position: F32, boxes: list[F32]) -> NDArray[np.bool_]:
+    """(N, L) whether some box may stand between a point and an emitter, judged by the balls round both.
+
+    Not before emitters that do not ``reach`` (L,) the boxes.
+    """
+    every = np.zeros((len(position), len(emitters)), dtype=bool)
+    lights = np.flatnonzero(reach)
+    out = np.zeros((len(position), len(lights)), dtype=bool)
+    way = emitters.centre[lights] - position[:, None]
     length = np.maximum(np.sqrt(np.einsum("ilc,ilc->il", way, way)), 1e-6)
     for box in boxes:
         radius = float(np.linalg.norm(box[1] - box[0])) / 2
@@ -121,8 +126,9 @@ def _between(emitters: Emitters, position: F32, boxes: list[F32]) -> NDArray[np.
         aside = share[..., None] * way - to[:, None]
         beside = np.sqrt(np.einsum("ilc,ilc->il", aside, aside))
         # The beam from a point to the emitter widens along its way.
-        out |= beside < radius + np.minimum(share + radius / length, 1.0) * emitters.radius
-    return out
+        out |= beside < radius + np.minimum(share + radius / length, 1.0) * emitters.radius[lights]
+    every[:, lights] = out
+    return every
 
 
 def _lost_light(room: Surroundings, objects: Objects, distance: F32, cells: F32) -> tuple[F32, NDArray[np.bool_]]:
@@ -133,7 +139,7 @@ def _lost_light(room: Surroundings, objects: Objects, distance: F32, cells: F32)
     lost, beam = np.zeros((count, 3), dtype=np.float32), np.zeros((count, 3), dtype=np.float32)
     noise = np.zeros(count, dtype=np.float32)
     known = np.ones(count, dtype=bool)
-    reach = room.reach(objects).any(axis=0)
+    reach = np.asarray(room.reach(objects).any(axis=0))
     boxes = objects.boxes()
     near = np.flatnonzero(distance < REACH)
     near = near[_before(texels.position[near], texels.normal[near], boxes)]
@@ -174,7 +180,7 @@ def _lost_light(room: Surroundings, objects: Objects, distance: F32, cells: F32)
         here = np.stack([np.bincount(owner, change[:, c], minlength=len(texel)) for c in range(3)], axis=1) / RAYS
         square = np.bincount(owner, change.mean(axis=1) ** 2, minlength=len(texel)) / RAYS
         spread_ = np.maximum(square - here.mean(axis=1) ** 2, 0.0) / RAYS
-        selected = reach & _between(room.emitters, position, boxes)
+        selected = _between(room.emitters, reach, position, boxes)
         direct, shadow_noise = direct_light(
             room.emitters, selected, pattern, position, normal, taken, rays=_SHADOW_RAYS
         )

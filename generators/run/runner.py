@@ -317,7 +317,10 @@ def _tasks(
         for plan in group:
             named = (plan.key,) if plan.first is None else (plan.key, plan.first.key)
             own = replace(place, form=place.form.limited_to(named), replaces=plan.key in remake)
-            task = Task(plan.key, make_observation, (plan, own), after=home.name, limit=limit, most_cores=MOST_CORES)
+            task = Task(
+                plan.key, make_observation, (plan, own), after=home.name, limit=limit, most_cores=MOST_CORES,
+                group=named[-1],
+            )  # fmt: skip
             if plan.first is not None and plan.first.key in keys:
                 # It links the pictures of the first of its group, or renders them if that one has failed.
                 task = replace(task, after=plan.first.key, after_any=True)

@@ -6,7 +6,7 @@ import socket
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 
@@ -24,6 +24,8 @@ from generators.options import EngineOptions
 from generators.plan import ObservationPlan
 from generators.run.formats import FOLDERS, DatasetFormat, find_finished
 
+#: What this process has loaded.
+_warm: set[EngineOptions] = set()
 #: How often a worker looks for the run's folder before it says that it cannot see it, and seconds in between.
 _LOOKS, _PAUSE = 5, 1.0
 
@@ -104,9 +106,12 @@ def _pictures(plan: ObservationPlan, place: RunTarget) -> Path | None:
     return place.root / plan.first.key if whole else None
 
 
-@lru_cache(maxsize=4)
 def _warm_up(options: EngineOptions) -> None:
-    warm_up(options)
+    """Load what is slow the first time, once in a process: heads of one family need the same."""
+    kind = replace(options, receivers=replace(options.receivers, drawn=None))
+    if kind not in _warm:
+        warm_up(options)
+        _warm.add(kind)
 
 
 @contextmanager

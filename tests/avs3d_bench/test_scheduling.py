@@ -345,7 +345,31 @@ def test_tasks_that_wait_for_one_another_are_a_mistake() -> None:
         Ledger([Task("a", work.nothing, (), after="b"), Task("b", work.nothing, (), after="a")], retries=0, ahead=1)
 
 
+def test_a_group_is_left_to_its_process_while_there_is_other_work() -> None:
+    tasks = [Task("first", work.nothing, (), group="g"), Task("x", work.nothing, ()), Task("y", work.nothing, ())]
+    tasks += [Task(f"sibling {n}", work.nothing, (), after="first", group="g") for n in (1, 2)]
+    ledger = Ledger(tasks, retries=0, ahead=4)
+    assert ledger.take() == Next(tasks[0])
+    ledger.done(tasks[0])
+    taken = [ledger.take({"g"}), *(ledger.take((), {"g"}) for _ in range(4))]
+    assert [item and item.task.name for item in taken] == ["sibling 1", "x", "y", "sibling 2", None]
+
+
+def test_homes_are_built_ahead_although_siblings_wait_for_busy_processes() -> None:
+    siblings = [Task(f"sibling {n}", work.nothing, (), group="g") for n in range(9)]
+    ledger = Ledger([*siblings, *book(1, 1)[1]], retries=0, ahead=4)
+    assert ledger.take((), {"g"}) == Next(Task("home 0", work.nothing, ()))
+
+
 # The local pool
+
+
+def test_what_waited_for_a_task_of_its_group_goes_on_in_the_same_process() -> None:
+    tasks = [Task(name, work.pid, (), group=name) for name in "ab"]
+    tasks += [Task(f"{name} next", work.pid, (), after=name, group=name) for name in "ab"]
+    with LocalScheduler(2) as pool:
+        pids = {one.task.name: one.value for one in pool.run(tasks, Policy(), quiet) if isinstance(one, Success)}
+    assert pids["a"] == pids["a next"] != pids["b"] == pids["b next"]
 
 
 def run(tasks: list[Task], workers: int = 2, retries: int = 1, **policy: Any) -> tuple[dict[str, Any], list[Event]]:

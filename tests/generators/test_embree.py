@@ -18,7 +18,7 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.assets.shapes import MeshBuilder, rotation
 from generators.core.scene import LightMap, Material, Mesh, Part, Scene, Texture
-from generators.core.tone import WHITE, develop, inverse_tone_curve, srgb_decode, tone_curve
+from generators.core.tone import WHITE, develop, inverse_tone_curve, srgb_decode, srgb_encode, tone_curve
 from generators.vision.base import RenderedView
 from generators.vision.embree import EmbreeBackend, warm_up
 from generators.vision.textures_pool import build_pool, distinct, mip_chain
@@ -269,6 +269,15 @@ def test_mip_chain_keeps_the_mean_of_light_for_any_size() -> None:
     mean = srgb_decode(pixels / 255).mean(axis=(0, 1))
     for level in levels:
         np.testing.assert_allclose(srgb_decode(level / 255).mean(axis=(0, 1)), mean, atol=0.004)
+
+
+def test_levels_of_a_texture_are_rounded_as_the_transfer_function_says() -> None:
+    values = np.arange(256, dtype=np.uint8)
+    pixels = np.repeat(np.stack([values, np.roll(values, 1)], axis=1)[:, :, None], 3, axis=2)
+    light = srgb_decode(pixels / 255).astype(np.float32)
+    halved = (light[0::2] + light[1::2]) * np.float32(0.5)
+    expected = np.rint(255 * srgb_encode((halved[:, :1] + halved[:, 1:]) * np.float32(0.5)))
+    np.testing.assert_array_equal(mip_chain(pixels)[1], expected)
 
 
 def test_equal_textures_are_stored_once() -> None:

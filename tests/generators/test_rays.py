@@ -38,6 +38,13 @@ def test_occluded_stops_at_the_distance() -> None:
     assert caster.occluded([[0, 0, -1.4]], [[0, 0, 1]]).tolist() == [False]
 
 
+def test_what_was_built_last_is_found_again_for_equal_triangles_alone() -> None:
+    near = np.array([[[-1.0, -1.0, -1.0], [3.0, -1.0, -1.0], [-1.0, 3.0, -1.0]]])
+    triangles = [near, near.copy(), near * 2, near]
+    found = [RayCaster(each).closest([0.0, 0.0, 0.0], [[0.0, 0.0, -1.0]])[0][0] for each in triangles]
+    assert found == [1.0, 1.0, 2.0, 1.0]
+
+
 def test_a_query_leaves_its_limits_as_they_were() -> None:
     tracer = Tracer(_scene().parts[0].mesh.positions)
     origins, directions = np.zeros((2, 3), dtype=np.float32), np.array([[0, 0, -1], [0, 0, 1]], dtype=np.float32)

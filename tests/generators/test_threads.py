@@ -9,10 +9,12 @@ import sys
 import threading
 import time
 from collections.abc import Generator, Iterator
+from dataclasses import replace
 from itertools import chain, repeat
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from avs3d_bench.errors import Avs3dError
@@ -20,11 +22,12 @@ from avs3d_bench.geometry import Intrinsics, Pose
 from avs3d_bench.runtime.ahead import continue_in_fork
 from avs3d_bench.scheduling.local import LocalScheduler, divide
 from avs3d_bench.scheduling.tasks import Context, Policy, Task
+from generators.acoustics.receivers import choose_receivers
 from generators.core.scene import Scene
 from generators.observation import hearing
 from generators.observation.generate import generate_observation
 from generators.observation.writer import ObservationWriter
-from generators.options import GenerateOptions
+from generators.options import EngineOptions, GenerateOptions
 from generators.plan import make_plans, read_manifest
 from generators.run import worker as work
 from generators.scenes.renderer import MOST_THREADS, Renderer
@@ -212,6 +215,18 @@ def test_an_observation_asks_how_many_cores_it_has(tmp_path: Path, monkeypatch: 
     work.make_observation(Context(0, lambda *_: None), plan, place)
     work.make_observation(Context(0, lambda *_: None, lambda: 3), plan, place)
     assert handed == [1, 3]
+
+
+def test_a_process_warms_up_once_for_all_heads_of_a_family(monkeypatch: pytest.MonkeyPatch) -> None:
+    warmed: list[EngineOptions] = []
+    monkeypatch.setattr(work, "_warm", set())
+    monkeypatch.setattr(work, "warm_up", warmed.append)
+    family = EngineOptions(audio="tracer", receivers=choose_receivers("tracer", hrtf="family"))
+    drawn = [family.receivers.for_observation(np.random.default_rng(seed)) for seed in (1, 2)]
+    heads = [replace(family, receivers=each) for each in drawn]
+    for options in (*heads, EngineOptions(audio="tracer"), *heads):
+        work.warm_up_worker(Context(0, lambda *_: None), options)
+    assert warmed == [heads[0], EngineOptions(audio="tracer")]
 
 
 def _cores_seen(context: Context, seconds: float) -> list[int]:
