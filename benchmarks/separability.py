@@ -58,6 +58,8 @@ COARSE, CEPSTRUM, LAGS = 16, 12, 58
 DEPTH = 6.0
 #: Neighbours that are asked.
 NEIGHBOURS = 15
+#: Random subspaces, the share of the features in each, axes of the devices, share by which covariances are shrunk.
+SUBSPACES, SHARE, AXES, SHRINKAGE = 16, 0.3, 20, 0.3
 #: Added to the modulation before its logarithm is taken: what steady noise has.
 MODULATION_FLOOR = 0.3
 #: Share of clips with reverberation, decay times (s) and direct-to-reverberant ratios (dB).
@@ -230,27 +232,47 @@ def _lines(clips: Array) -> Array:
     return np.stack(highest + share, axis=1)
 
 
-def nearest(known: Array, labels: NDArray[np.int64], asked: Array) -> Array:
-    """(n, categories) shares of the categories among the nearest training seconds.
+def nearest(
+    known: Array, labels: NDArray[np.int64], devices: NDArray[np.str_], asked: Array, workers: int | None = None
+) -> Array:
+    """(n, categories) shares of the categories among the nearest training seconds, a mean over random subspaces.
 
-    Distances are those of a linear discriminant analysis of the standardised `features` (six axes, covariances shrunk
-    by a tenth).
+    Each of `SUBSPACES` sees `SHARE` of the features (T. K. Ho, "Nearest neighbors in random subspaces", SSPR 1998), so
+    that no few of them decide: recordings lie far outside of what voices have in some. In each, neighbours are sought
+    twice, in the axes that tell the categories apart and in those that tell the devices apart.
 
     Args:
         known: (m, features) of the training seconds.
         labels: (m,) numbers of their categories.
+        devices: (m,) their voices.
         asked: (n, features).
+        workers: processes; None: one per core.
     """
+    from sklearn.utils.parallel import Parallel, delayed
+
+    rng = np.random.default_rng(0)
+    width = max(1, round(SHARE * known.shape[1]))
+    chosen = [rng.permutation(known.shape[1])[:width] for _ in range(SUBSPACES)]
+    ask = delayed(_in_subspace)
+    jobs = (ask(known[:, one], labels, devices, asked[:, one]) for one in chosen)
+    return np.asarray(np.mean(Parallel(n_jobs=workers or -1)(jobs), axis=0))
+
+
+def _in_subspace(known: Array, labels: NDArray[np.int64], devices: NDArray[np.str_], asked: Array) -> Array:
+    """(n, categories): a linear discriminant analysis of standardised features, covariances shrunk, then neighbours."""
     from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
     from sklearn.neighbors import KNeighborsClassifier
-    from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
 
-    axes = LinearDiscriminantAnalysis(solver="eigen", shrinkage=0.1)
-    neighbours = KNeighborsClassifier(min(NEIGHBOURS, len(known)), weights="distance")
-    model = make_pipeline(StandardScaler(), axes, neighbours).fit(known, labels)
+    scaler = StandardScaler().fit(known)
+    known, asked = scaler.transform(known), scaler.transform(asked)
     out = np.zeros((len(asked), len(CATEGORIES)))
-    out[:, model.classes_] = model.predict_proba(asked)
+    for groups in (labels, devices):
+        most = min(AXES, known.shape[1], len(np.unique(groups)) - 1)
+        axes = LinearDiscriminantAnalysis(solver="eigen", shrinkage=SHRINKAGE, n_components=most).fit(known, groups)
+        neighbours = KNeighborsClassifier(min(NEIGHBOURS, len(known)), weights="distance")
+        neighbours.fit(axes.transform(known), labels)
+        out[:, neighbours.classes_] += neighbours.predict_proba(axes.transform(asked)) / 2
     return out
 
 
@@ -378,7 +400,7 @@ CHANGES: dict[str, Filter] = {
 }
 
 
-def left_out(train: Clips, known: Array) -> Array:
+def left_out(train: Clips, known: Array, workers: int | None = None) -> Array:
     """(n, categories) answers of the nearest neighbour about each training voice, after training on the others.
 
     One voice of each category that has one left is left out at a time.
@@ -386,14 +408,16 @@ def left_out(train: Clips, known: Array) -> Array:
     Args:
         train: the training seconds.
         known: (n, features) their features.
+        workers: processes; None: one per core.
     """
     of_category: dict[str, list[str]] = {}
-    for voice in dict.fromkeys(train.voices):
+    names = train.voices
+    for voice in dict.fromkeys(names):
         of_category.setdefault(voice.split("/")[0], []).append(voice)
     out = np.zeros((len(known), len(CATEGORIES)))
     for held in zip_longest(*of_category.values()):
-        asked = np.isin(train.voices, [voice for voice in held if voice])
-        out[asked] = nearest(known[~asked], train.labels[~asked], known[asked])
+        asked = np.isin(names, [voice for voice in held if voice])
+        out[asked] = nearest(known[~asked], train.labels[~asked], names[~asked], known[asked], workers)
     return out
 
 
@@ -440,9 +464,10 @@ def measure(train: Clips, sets: Mapping[str, Clips], *, cnn: bool, workers: int 
     of_network: dict[str, dict[str, Any]] = {which: {} for which in sets}
     for name, change in CHANGES.items():
         known = changed_features(train.samples, name, workers)
-        neighbour[LEFT_OUT][name] = verdict(left_out(train, known), train)
+        neighbour[LEFT_OUT][name] = verdict(left_out(train, known, workers), train)
         for which, asked in sets.items():
-            answers = nearest(known, train.labels, changed_features(asked.samples, name, workers))
+            unknown = changed_features(asked.samples, name, workers)
+            answers = nearest(known, train.labels, train.voices, unknown, workers)
             neighbour[which][name] = verdict(answers, asked)
             if network is not None:
                 of_network[which][name] = verdict(network(asked.filtered(change).samples), asked)

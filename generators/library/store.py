@@ -32,7 +32,7 @@ MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".dae")
 #: Suffixes of scans: one file with geometry and colour.
 SCAN_SUFFIXES = (".glb", ".ply")
 #: Suffixes that libsndfile ≥ 1.1 decodes.
-SOUND_SUFFIXES = (".wav", ".flac", ".ogg", ".mp3", ".aif", ".aiff")
+SOUND_SUFFIXES = (".wav", ".flac", ".ogg", ".oga", ".mp3", ".aif", ".aiff")
 
 
 def default_store() -> Path:

@@ -61,6 +61,17 @@ def test_a_file_of_a_commit_is_pinned_and_fetched_again(github_server: Server, t
     assert store.path(entry).read_bytes() == data
 
 
+def test_ogg_audio_has_a_suffix_of_its_own(github_server: Server, tmp_path: Path) -> None:
+    """RFC 5334: .oga is Ogg with sound alone; ring tones of phones are often such files."""
+    soundfile.write(tmp_path / "ring.ogg", noise(2), SR)
+    github_server.on(f"/ann/house-sounds/{COMMIT}/ring.oga", Reply((tmp_path / "ring.ogg").read_bytes()))
+    done = fetch(tmp_path / "assets.lock.yaml", *CREDIT, ref=f"ann/house-sounds@{COMMIT}:ring.oga")
+    assert done.exit_code == 0, done.output
+    (entry,) = read_lock(tmp_path / "assets.lock.yaml").assets
+    assert (entry.kind, entry.file) == ("sound", "sound.oga")
+    assert len(load_sound(Store(tmp_path / "store").path(entry), 2)) == 2 * SR
+
+
 @pytest.mark.parametrize(
     ("ref", "more", "words"),
     [
@@ -242,6 +253,15 @@ def test_committed_manifests_play_recordings_of_their_own_split() -> None:
                 assert (entry.category, entry.split) == (category, split), f"{path.name}: {entry.id}"
                 named += 1
     assert named >= 20
+
+
+def test_clocks_and_telephones_have_six_recordings_and_some_for_training() -> None:
+    sounds = [entry for entry in read_lock(MANIFESTS / "assets.lock.yaml").assets if entry.kind == "sound"]
+    splits = {name: [entry.split for entry in sounds if entry.category == name] for name in ("clock", "telephone")}
+    assert all(len(found) >= 6 and set(found) == {"train", "validation", "test"} for found in splits.values())
+    # Whoever made one for tests made none for training.
+    makers = {split: {entry.author for entry in sounds if entry.split == split} for split in ("train", "test")}
+    assert not makers["train"] & makers["test"]
 
 
 @pytest.mark.parametrize("name", SOURCES)
