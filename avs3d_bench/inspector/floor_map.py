@@ -349,6 +349,7 @@ class MapInset:
         figure = Figure(figsize=(drawing.size[0] * scale / 100, drawing.size[1] * scale / 100), dpi=100)
         FigureCanvasAgg(figure)
         axes = figure.add_axes((0, 0, 1, 1), xticks=[], yticks=[])
+        axes.spines[:].set_visible(False)  # half of a frame lies outside of the figure
         drawing.show_plan(axes, observation, 2 * drawing.scale * scale)
         axes.set_aspect("auto")
         return cls(drawing, axes, drawing.scale * scale)

@@ -232,6 +232,15 @@ def test_the_map_shows_source_and_agent_where_they_are(root: Path) -> None:
             assert near(picture, colour)[row - 1 : row + 2, column - 1 : column + 2].any()
 
 
+def test_the_map_has_no_line_at_its_border(root: Path) -> None:
+    dataset = Dataset(root)
+    inset = MapInset.of(dataset[SINGLE], read_facts(dataset, dataset[SINGLE]), 720)
+    assert inset is not None
+    picture = inset.draw(0)
+    for border in (picture[0], picture[-1], picture[:, 0], picture[:, -1]):
+        assert (border < 80).all(axis=-1).mean() < 0.3
+
+
 def test_a_moving_source_moves_on_the_map(tmp_path: Path) -> None:
     root = write_dataset(tmp_path / "d", frames=4, size=32)
     move(root, SINGLE)
