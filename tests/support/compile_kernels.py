@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import tempfile
 from pathlib import Path
 
 from avs3d_bench.geometry import Intrinsics
+from avs3d_bench.runtime.provenance import source_files
 from generators import Home, Renderer, objects
 from generators.core.jit import CACHE_FOLDER, kernel_digest
 
@@ -15,11 +17,21 @@ def main() -> None:
 
     Nothing if that was done before. The home is that of README.md and of the examples, which find it lit.
     """
-    done = CACHE_FOLDER / kernel_digest() / "tests.compiled"  # beside what it says: they are deleted together
+    # Beside what it says: they are deleted together.
+    done = CACHE_FOLDER / kernel_digest() / f"tests-{_checkout()}.compiled"
     if not done.exists():
         _compile()
         done.parent.mkdir(exist_ok=True)
         done.touch()
+
+
+def _checkout() -> str:
+    """Digest of the paths and dates of the files with kernels: numba compiles again for another of either."""
+    digest = hashlib.sha256()
+    for _, file in source_files("generators"):
+        if b"core.jit" in file.read_bytes():
+            digest.update(f"{file}\0{file.stat().st_mtime_ns}\0".encode())
+    return digest.hexdigest()[:16]
 
 
 def _compile() -> None:
