@@ -97,6 +97,14 @@ class Pose:
 class Intrinsics:
     """A pinhole camera without distortion; all in pixels.
 
+    Attributes:
+        width: of the picture.
+        height: of the picture.
+        fx: horizontal focal length.
+        fy: vertical focal length.
+        cx: column of the principal point; the left edge of the picture is 0.
+        cy: row of the principal point; the upper edge of the picture is 0.
+
     Examples:
         >>> camera = Intrinsics.from_fov(512)
         >>> round(camera.fx, 6), camera.cx
@@ -115,7 +123,7 @@ class Intrinsics:
 
     @classmethod
     def from_fov(cls, size: int, hfov_degrees: float = 90.0) -> Intrinsics:
-        """A square camera of ``size`` pixels (1008 and 90° give fx = fy = cx = cy = 504)."""
+        """A square camera of ``size`` pixels, ``hfov_degrees`` wide (1008 and 90° give fx = fy = cx = cy = 504)."""
         focal = size / 2 / math.tan(math.radians(hfov_degrees) / 2)
         return cls(size, size, focal, focal, size / 2, size / 2)
 
