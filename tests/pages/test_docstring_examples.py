@@ -149,7 +149,7 @@ def test_a_public_name_has_an_example_that_runs(
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("package", "name"), cases(slow=True))
-def test_a_public_name_has_an_example_that_runs_with_networks(
+def test_a_public_name_has_an_example_that_takes_long(
     package: str, name: str, weights: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(weights)
