@@ -134,7 +134,11 @@ class Frame:
         return known or self.name in self.observation._colmap_images
 
     def path(self, folder: str) -> Path:
-        """The frame's picture in an image folder (`layout.INPUT`, `layout.SEMANTIC_MASKS`, …)."""
+        """The frame's picture in an image folder (`layout.INPUT`, `layout.SEMANTIC_MASKS`, …).
+
+        Raises:
+            Avs3dError: if the observation has no such folder.
+        """
         base = self.observation.where(folder)
         if not base.is_dir():
             sealed = "; the truth of this test is sealed" if self.observation._is_sealed else ""

@@ -97,6 +97,14 @@ class Pose:
 class Intrinsics:
     """A pinhole camera without distortion; all in pixels.
 
+    Attributes:
+        width: of the picture.
+        height: of the picture.
+        fx: horizontal focal length.
+        fy: vertical focal length.
+        cx: column of the principal point; the left edge of the picture is 0.
+        cy: row of the principal point; the upper edge of the picture is 0.
+
     Examples:
         >>> camera = Intrinsics.from_fov(512)
         >>> round(camera.fx, 6), camera.cx
@@ -115,7 +123,7 @@ class Intrinsics:
 
     @classmethod
     def from_fov(cls, size: int, hfov_degrees: float = 90.0) -> Intrinsics:
-        """A square camera of ``size`` pixels (1008 and 90° give fx = fy = cx = cy = 504)."""
+        """A square camera of ``size`` pixels, ``hfov_degrees`` wide (1008 and 90° give fx = fy = cx = cy = 504)."""
         focal = size / 2 / math.tan(math.radians(hfov_degrees) / 2)
         return cls(size, size, focal, focal, size / 2, size / 2)
 
@@ -148,7 +156,12 @@ class Intrinsics:
 
 @dataclass(frozen=True)
 class Direction:
-    """Where a point lies as heard and seen from a pose: azimuth and elevation in degrees, distance in metres."""
+    """Where a point lies as heard and seen from a pose: azimuth and elevation in degrees, distance in metres.
+
+    Examples:
+        >>> direction_to(Pose.from_yaw((0, 1.5, 0), 0.0), (2, 1.5, 0))  # 2 m to the right
+        Direction(azimuth=90.0, elevation=0.0, distance=2.0)
+    """
 
     azimuth: float
     elevation: float
@@ -156,7 +169,13 @@ class Direction:
 
 
 def direction_to(pose: Pose, point: ArrayLike) -> Direction:
-    """Direction of ``point`` (3,) from ``pose``: azimuth 0 ahead, positive right; elevation positive up."""
+    """Direction of ``point`` (3,) from ``pose``: azimuth 0 ahead, positive right; elevation positive up.
+
+    Examples:
+        >>> found = direction_to(Pose.from_yaw((0, 1.5, 0), 0.0), (1, 2.5, -1))
+        >>> round(found.azimuth, 1), round(found.elevation, 1), round(found.distance, 2)  # degrees, degrees, metres
+        (45.0, 35.3, 1.73)
+    """
     x, y, z = pose.to_camera(np.asarray(point, dtype=np.float64))
     horizontal = math.hypot(x, z)
     return Direction(
@@ -167,7 +186,12 @@ def direction_to(pose: Pose, point: ArrayLike) -> Direction:
 
 
 def ambisonic_axes(directions: ArrayLike) -> Array:
-    """Directions (..., 3) in the head's frame (x right, y up, z backward) in the axes of AmbiX (forward, left, up)."""
+    """Directions (..., 3) in the head's frame (x right, y up, z backward) in the axes of AmbiX (forward, left, up).
+
+    Examples:
+        >>> (ambisonic_axes([0, 0, -1]) + 0.0).tolist()  # ahead
+        [1.0, 0.0, 0.0]
+    """
     d = np.asarray(directions, dtype=np.float64)
     return np.stack([-d[..., 2], -d[..., 0], d[..., 1]], axis=-1)
 
@@ -176,6 +200,10 @@ def spherical_harmonics(directions: ArrayLike, order: int) -> Array:
     """(n, (order + 1)²) real spherical harmonics, ACN order and SN3D, of unit vectors (n, 3) in AmbiX axes.
 
     The squares of the 2l + 1 harmonics of a degree l add up to 1 in every direction. There is no Condon–Shortley phase.
+
+    Examples:
+        >>> spherical_harmonics([[1.0, 0.0, 0.0]], order=1).tolist()  # from ahead: W, Y, Z, X
+        [[1.0, 0.0, 0.0, 1.0]]
     """
     x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
     terms = [np.ones_like(x), y, z, x]
@@ -201,19 +229,33 @@ def times_matrix(vectors: Array, matrix: Array) -> Array:
 
     BLAS fuses products and sums where the processor can, and orders them by the number of rows; files with such numbers
     would differ between machines.
+
+    Examples:
+        >>> times_matrix(np.array([[1.0, 2.0, 3.0]]), np.eye(3)[::-1]).tolist()
+        [[3.0, 2.0, 1.0]]
     """
     x, y, z = (vectors[..., axis, None] for axis in range(3))
     return np.asarray(x * matrix[0] + y * matrix[1] + z * matrix[2])
 
 
 def flip_world(points: ArrayLike) -> Array:
-    """Points (..., 3) from our world (Y up) to COLMAP's (Y down) or back: (x, y, z) → (x, −y, −z)."""
+    """Points (..., 3) from our world (Y up) to COLMAP's (Y down) or back: (x, y, z) → (x, −y, −z).
+
+    Examples:
+        >>> flip_world([1.0, 2.0, 3.0]).tolist()
+        [1.0, -2.0, -3.0]
+    """
     # Adding 0 turns −0 into 0: files then hold the same bytes for the same points.
     return np.asarray(np.asarray(points, dtype=np.float64) * np.array([1.0, -1.0, -1.0]) + 0.0)
 
 
 def canonical(quaternion: ArrayLike) -> Array:
-    """The one of q and −q (the same rotation) whose first component that is not 0 is positive; norm 1."""
+    """The one of q and −q (the same rotation) whose first component that is not 0 is positive; norm 1.
+
+    Examples:
+        >>> canonical([-1.0, 0.0, 0.0, 0.0]).tolist()
+        [1.0, 0.0, 0.0, 0.0]
+    """
     q = np.asarray(quaternion, dtype=np.float64)
     first = q[np.flatnonzero(q)[0]]
     # Not numpy's norm, a product of BLAS (`times_matrix`).
@@ -228,6 +270,11 @@ def to_colmap(pose: Pose) -> tuple[Array, Array]:
 
     Returns:
         qvec (4,) unit (w, x, y, z) with w ≥ 0, and tvec (3,): p_camera = R(qvec) · p_world + tvec, OpenCV axes.
+
+    Examples:
+        >>> qvec, tvec = to_colmap(Pose.from_yaw((1, 1.5, 2), 0.0))
+        >>> qvec.tolist(), tvec.tolist()
+        ([1.0, 0.0, 0.0, 0.0], [-1.0, 1.5, 2.0])
     """
     w, x, y, z = pose.rotation
     qvec = canonical([w, -x, y, z])
@@ -240,6 +287,11 @@ def from_colmap(qvec: ArrayLike, tvec: ArrayLike) -> Pose:
 
     Raises:
         Avs3dError: if a number is not finite or the quaternion's norm differs from 1 by more than 1 %.
+
+    Examples:
+        >>> pose = Pose.from_yaw((1, 1.5, 2), 0.3)
+        >>> [round(metres, 6) for metres in from_colmap(*to_colmap(pose)).position]
+        [1.0, 1.5, 2.0]
     """
     q, t = np.asarray(qvec, dtype=np.float64), np.asarray(tvec, dtype=np.float64)
     sound = q.shape == (4,) and t.shape == (3,) and bool(np.isfinite(q).all() and np.isfinite(t).all())
@@ -254,7 +306,12 @@ def from_colmap(qvec: ArrayLike, tvec: ArrayLike) -> Pose:
 
 
 def rotation_angle(first: Pose, second: Pose) -> float:
-    """Degrees between two orientations; the same for q and −q."""
+    """Degrees between two orientations; the same for q and −q.
+
+    Examples:
+        >>> round(rotation_angle(Pose.from_yaw((0, 0, 0), 0.0), Pose.from_yaw((0, 0, 0), np.pi / 6)), 6)
+        30.0
+    """
     a, b = canonical(first.rotation), canonical(second.rotation)
     # From the chord: arccos of the dot product loses half of the digits near 0.
     chord = min(float(np.linalg.norm(a - b)), float(np.linalg.norm(a + b)))

@@ -282,7 +282,11 @@ class SubmissionWriter:
         self.folder.write_points(observation, points)
 
     def set_runtime(self, runtime: float | str | dict[str, Scalar]) -> None:
-        """Record the cost of the method in submission.json: seconds, a text, or named figures."""
+        """Record the cost of the method in submission.json: seconds, a text, or named figures.
+
+        Raises:
+            UsageError: if it is none of these, or a figure is not finite.
+        """
         try:
             self.record = SubmissionRecord(**{**self.record.model_dump(), "runtime": runtime})
         except ValidationError as error:

@@ -52,7 +52,7 @@ _HIGHEST_ID = 65_535
 
 
 def oracle_mask(frame: Frame, *, instance: Instance, errors: ErrorModel = PERFECT) -> Mask:
-    """The mask of `oracle_prediction`, after a look at whether the data allow it.
+    """(H, W) bool: the mask of `oracle_prediction`, with its arguments, after a look at whether the data allow it.
 
     Raises:
         UsageError: if the data lacks what this needs (`check_truth`).

@@ -107,8 +107,6 @@ def evaluate(
         Avs3dError: if the dataset itself is damaged, the truth is not what was committed to, or a mask in memory has
             another size, type or values.
 
-    docs/metrics-python.md and examples/score_a_method.py have examples that run.
-
     Examples:
         >>> scores = evaluate("data/demo-submissions/oracle", "data/demo").scores
         >>> round(scores.parts["part_2"].official.mIoU, 3)

@@ -124,7 +124,13 @@ _FRAME = re.compile(r"frame_([0-9]+)")
 
 @dataclass(frozen=True, order=True)
 class ObservationKey:
-    """An observation's place: ``str(key)`` is ``part_1/<scan>/<room>/<index>``, also its folder below the root."""
+    """An observation's place: ``str(key)`` is ``part_1/<scan>/<room>/<index>``, also its folder below the root.
+
+    Examples:
+        >>> key = ObservationKey("part_3", "home_1", "kitchen", 2)
+        >>> str(key), key.is_part_3
+        ('part_3/home_1/kitchen/2', True)
+    """
 
     part: str
     scan: str
@@ -145,6 +151,10 @@ def observation_key(part: str, scan: str, room: str, index: int) -> str:
 
     Raises:
         UsageError: if the part or the room is unknown, the scan id cannot be a folder name or the index is below 1.
+
+    Examples:
+        >>> observation_key("part_1", "home_1", "kitchen", 2)
+        'part_1/home_1/kitchen/2'
     """
     if part not in PARTS:
         raise UsageError(f"unknown part {part!r}: expected one of {', '.join(PARTS)}")
@@ -161,6 +171,11 @@ def parse_key(key: str) -> ObservationKey:
 
     Raises:
         UsageError: if it has another form or a name in it is unknown.
+
+    Examples:
+        >>> key = parse_key("part_2/apartment_1/kitchen/1")
+        >>> key.part, key.scan, key.room, key.index
+        ('part_2', 'apartment_1', 'kitchen', 1)
     """
     pieces = key.split("/")
     if len(pieces) != 4 or not _INDEX.fullmatch(pieces[3]):
@@ -175,6 +190,10 @@ def frame_name(index: int) -> str:
 
     Raises:
         Avs3dError: if ``index`` is outside [0, 1000), where names would no longer sort in time.
+
+    Examples:
+        >>> frame_name(7)
+        'frame_007'
     """
     if not 0 <= index < MAX_FRAMES:
         raise Avs3dError(f"frame {index} has no name: an observation holds frames 0 to {MAX_FRAMES - 1}")
@@ -182,7 +201,12 @@ def frame_name(index: int) -> str:
 
 
 def audio_name(index: int) -> str:
-    """``frame_0``: the stem of frame ``index`` in the two audio folders and in ``rirs/`` (no padding)."""
+    """``frame_0``: the stem of frame ``index`` in the two audio folders and in ``rirs/`` (no padding).
+
+    Examples:
+        >>> audio_name(7)
+        'frame_7'
+    """
     frame_name(index)
     return f"frame_{index}"
 
@@ -192,6 +216,10 @@ def frame_index(name: str) -> int:
 
     Raises:
         Avs3dError: if ``name`` has another form.
+
+    Examples:
+        >>> frame_index("frame_007"), frame_index("frame_7")
+        (7, 7)
     """
     match = _FRAME.fullmatch(name)
     if not match:
@@ -200,12 +228,23 @@ def frame_index(name: str) -> int:
 
 
 def is_test(index: int) -> bool:
-    """Whether the frame at ``index`` of the sorted names belongs to the test split."""
+    """Whether the frame at ``index`` of the sorted names belongs to the test split.
+
+    Examples:
+        >>> [index for index in range(20) if is_test(index)]
+        [0, 8, 16]
+    """
     return index % TEST_EVERY == 0
 
 
 def split_names(names: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """(train, test) of frame names: sorted as strings, every eighth is test."""
+    """(train, test) of frame names: sorted as strings, every eighth is test.
+
+    Examples:
+        >>> train, test = split_names(frame_name(index) for index in range(10))
+        >>> len(train), test
+        (8, ('frame_000', 'frame_008'))
+    """
     ordered = sorted(names)
     train = tuple(name for position, name in enumerate(ordered) if not is_test(position))
     test = tuple(name for position, name in enumerate(ordered) if is_test(position))
@@ -213,27 +252,52 @@ def split_names(names: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]
 
 
 def image_path(folder: str, index: int) -> str:
-    """``<folder>/frame_000.png`` relative to the observation."""
+    """``<folder>/frame_000.png`` relative to the observation.
+
+    Examples:
+        >>> image_path(INPUT, 7)
+        'input/frame_007.png'
+    """
     return f"{folder}/{frame_name(index)}.png"
 
 
 def audio_path(folder: str, index: int) -> str:
-    """``<folder>/frame_0.wav`` relative to the observation."""
+    """``<folder>/frame_0.wav`` relative to the observation.
+
+    Examples:
+        >>> audio_path(MONO, 7)
+        'audio_clips_mono/frame_7.wav'
+    """
     return f"{folder}/{audio_name(index)}.wav"
 
 
 def clips_folder(receiver: str | None = None) -> str:
-    """Folder of the clips of a receiver: ``audio_clips_ambisonics``; of the two ears without one."""
+    """Folder of the clips of a receiver: ``audio_clips_ambisonics``; of the two ears without one.
+
+    Examples:
+        >>> clips_folder(), clips_folder(AMBISONICS)
+        ('audio_clips_binaural', 'audio_clips_ambisonics')
+    """
     return BINAURAL if receiver is None else f"audio_clips_{receiver}"
 
 
 def rirs_folder(receiver: str | None = None) -> str:
-    """Folder of the impulse responses of a receiver: ``rirs_ambisonics``; of the two ears without one."""
+    """Folder of the impulse responses of a receiver: ``rirs_ambisonics``; of the two ears without one.
+
+    Examples:
+        >>> rirs_folder(), rirs_folder(ARRAY)
+        ('rirs', 'rirs_array')
+    """
     return RIRS if receiver is None else f"{RIRS}_{receiver}"
 
 
 def stems_folder(receiver: str | None = None) -> str:
-    """Folder of the stems of a receiver: ``stems_ambisonics``; of the two ears without one."""
+    """Folder of the stems of a receiver: ``stems_ambisonics``; of the two ears without one.
+
+    Examples:
+        >>> stems_folder(), stems_folder(AMBISONICS)
+        ('stems', 'stems_ambisonics')
+    """
     return STEMS if receiver is None else f"{STEMS}_{receiver}"
 
 
@@ -249,7 +313,12 @@ def rir_path(index: int, source: str | None = None, receiver: str | None = None)
 
 
 def stem_path(name: str, index: int, receiver: str | None = None) -> str:
-    """``stems/source_1/frame_0.wav`` relative to the observation; ``name`` is a source's id or `BACKGROUND`."""
+    """``stems/source_1/frame_0.wav`` relative to the observation; ``name`` is a source's id or `BACKGROUND`.
+
+    Examples:
+        >>> stem_path("source_1", 0), stem_path(BACKGROUND, 0)
+        ('stems/source_1/frame_0.wav', 'stems/background/frame_0.wav')
+    """
     return f"{stems_folder(receiver)}/{name}/{audio_name(index)}.wav"
 
 
@@ -262,6 +331,10 @@ class Part3Contents:
         in_room: whether one of them is an instance of the room, whose mesh `gt_3d/` then holds.
         stems: whether the clips of each source (and of the background) are kept.
         background: whether there is a background.
+
+    Examples:
+        >>> Part3Contents(sources=("source_1", "source_2"), stems=True, background=True).stem_names
+        ('source_1', 'source_2', 'background')
     """
 
     sources: tuple[str, ...] = ()
@@ -327,6 +400,11 @@ def expected_files(
         part_3: of an observation of part_3; None for the other parts.
         receivers: those of `RECEIVERS` that hear it, beside the two ears.
         top_view: whether there is a picture from above.
+
+    Examples:
+        >>> files = expected_files(9, depth=True)
+        >>> len(files), files[0]
+        (68, 'audio_clips_binaural/frame_0.wav')
     """
     files = [SPLITS_JSON, *COLMAP_FILES]
     if part_3 is None or part_3.in_room:
@@ -361,6 +439,10 @@ def mono_window(index: int, count: int) -> list[tuple[int, int, int]]:
 
     Raises:
         Avs3dError: if ``index`` is not in 0 … count − 1.
+
+    Examples:
+        >>> mono_window(4, 9)  # (frame, start, stop): half a second of both neighbours
+        [(3, 22050, 44100), (4, 0, 44100), (5, 0, 22050)]
     """
     if not 0 <= index < count:
         raise Avs3dError(f"mono clip: frame {index} of {count} does not exist; expected 0 to {count - 1}")

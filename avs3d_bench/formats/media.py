@@ -128,7 +128,19 @@ _DEPTH_FLAGS = [*_LEVEL_1, *_AVERAGE]
 
 @dataclass(frozen=True)
 class PngHeader:
-    """Size and pixel format of a PNG file."""
+    """Size and pixel format of a PNG file.
+
+    Attributes:
+        width: pixels.
+        height: pixels.
+        bits: of a channel.
+        colour_type: 0 grey, 2 RGB, 3 palette, 4 grey with alpha, 6 RGB with alpha.
+
+    Examples:
+        >>> write_png_mask("header.png", np.eye(4, 6))
+        >>> png_header("header.png").mode
+        'grey, 8 bit'
+    """
 
     width: int
     height: int
@@ -143,7 +155,19 @@ class PngHeader:
 
 @dataclass(frozen=True)
 class WavHeader:
-    """The header of a WAV file."""
+    """The header of a WAV file.
+
+    Attributes:
+        rate: Hz.
+        channels: their number.
+        samples: of each channel.
+        subtype: sample format, e.g. ``FLOAT`` or ``PCM_16``.
+
+    Examples:
+        >>> write_wav("short.wav", np.zeros(441), subtype="pcm16")
+        >>> wav_header("short.wav")
+        WavHeader(rate=44100, channels=1, samples=441, subtype='PCM_16')
+    """
 
     rate: int
     channels: int
@@ -153,7 +177,13 @@ class WavHeader:
 
 @dataclass(frozen=True, eq=False)
 class Clip:
-    """Sound: ``samples`` (channels, n) float32, ``rate`` in Hz."""
+    """Sound: ``samples`` (channels, n) float32, ``rate`` in Hz.
+
+    Examples:
+        >>> clip = Clip(np.zeros((2, 44_100), np.float32), 44_100)
+        >>> clip.samples.shape[1] / clip.rate  # seconds
+        1.0
+    """
 
     samples: F32
     rate: int
@@ -190,6 +220,12 @@ def write_png_rgb(path: str | Path, pixels: U8) -> None:
 
     Raises:
         Avs3dError: if the array is no 8-bit RGB picture or the system refuses.
+
+    Examples:
+        >>> picture = np.full((2, 3, 3), [255, 128, 0], np.uint8)
+        >>> write_png_rgb("orange.png", picture)
+        >>> read_png_rgb("orange.png")[0, 0].tolist()
+        [255, 128, 0]
     """
     write_bytes(path, encode_png_rgb(path, pixels))
 
@@ -201,7 +237,17 @@ def encode_png_mask(path: str | Path, mask: ArrayLike) -> bytes:
 
 
 def write_png_mask(path: str | Path, mask: ArrayLike) -> None:
-    """Write a (H, W) mask, boolean or of any number type (non-zero = marked), as 0 and 255."""
+    """Write a (H, W) mask, boolean or of any number type (non-zero = marked), as 0 and 255.
+
+    Raises:
+        Avs3dError: if the array has another number of axes or no pixels, or the system refuses.
+
+    Examples:
+        >>> write_png_mask("marked.png", np.eye(3))
+        >>> mask = read_png_mask("marked.png")
+        >>> int(mask.sum()), mask.dtype.name
+        (3, 'bool')
+    """
     write_bytes(path, encode_png_mask(path, mask))
 
 
@@ -222,6 +268,11 @@ def write_png_ids(path: str | Path, ids: ArrayLike) -> None:
 
     Raises:
         Avs3dError: if the ids are no integers in [0, 65535] or the system refuses.
+
+    Examples:
+        >>> write_png_ids("ids.png", np.array([[0, 1], [2, 300]]))
+        >>> read_png_ids("ids.png").tolist(), png_header("ids.png").bits
+        ([[0, 1], [2, 300]], 16)
     """
     write_bytes(path, encode_png_ids(path, ids))
 
@@ -243,6 +294,11 @@ def write_png_categories(path: str | Path, categories: ArrayLike) -> None:
 
     Raises:
         Avs3dError: if they are no integers in [0, 255] or the system refuses.
+
+    Examples:
+        >>> write_png_categories("classes.png", np.array([[0, 4]], np.uint8))
+        >>> read_png_categories("classes.png").tolist()
+        [[0, 4]]
     """
     write_bytes(path, encode_png_categories(path, categories))
 
@@ -257,7 +313,16 @@ def encode_png_depth_mm(path: str | Path, depth: ArrayLike) -> bytes:
 
 
 def write_png_depth_mm(path: str | Path, depth: ArrayLike) -> None:
-    """Write (H, W) depth in metres as 16-bit millimetres; not finite, not positive or beyond 65.5 m becomes 0."""
+    """Write (H, W) depth in metres as 16-bit millimetres; not finite, not positive or beyond 65.5 m becomes 0.
+
+    Raises:
+        Avs3dError: if the array has another number of axes or no pixels, or the system refuses.
+
+    Examples:
+        >>> write_png_depth_mm("depth.png", np.array([[1.2345, np.inf]]))  # metres
+        >>> [round(metres, 4) for metres in read_png_depth("depth.png")[0].tolist()]
+        [1.234, 0.0]
+    """
     write_bytes(path, encode_png_depth_mm(path, depth))
 
 
@@ -275,6 +340,11 @@ def png_header(path: str | Path) -> PngHeader:
 
     Raises:
         Avs3dError: if the file is missing, is no PNG or ends there.
+
+    Examples:
+        >>> write_png_rgb("small.png", np.zeros((48, 64, 3), np.uint8))
+        >>> png_header("small.png")
+        PngHeader(width=64, height=48, bits=8, colour_type=2)
     """
     return _parse_png_header(_head(path, 33), path)
 
@@ -602,6 +672,12 @@ def write_wav(
 
     Raises:
         Avs3dError: if a sample is not finite, would clip in 16 bits, or the system refuses.
+
+    Examples:
+        >>> write_wav("stereo.wav", np.zeros((2, 4410)), rate=44_100)
+        >>> clip = read_wav("stereo.wav")
+        >>> clip.samples.shape, clip.samples.dtype.name, clip.rate
+        ((2, 4410), 'float32', 44100)
     """
     write_bytes(path, encode_wav(path, samples, rate, subtype))
 
@@ -696,6 +772,11 @@ def write_rir(path: str | Path, response: ArrayLike, rate: int = SAMPLE_RATE, ch
 
     Raises:
         Avs3dError: if it has another number of channels, a sample is not finite or the system refuses.
+
+    Examples:
+        >>> write_rir("rir.npz", np.eye(2, 100), rate=48_000)
+        >>> read_rir("rir.npz").samples.shape, read_rir("rir.npz").rate
+        ((2, 100), 48000)
     """
     write_bytes(path, encode_rir(path, response, rate, channels))
 

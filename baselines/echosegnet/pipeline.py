@@ -142,6 +142,14 @@ def predict(
 ) -> Prediction:
     """Run EchoSegnet on one observation; every stage's result is kept in ``folder`` and found there the next time.
 
+    Args:
+        observation: what to look at.
+        source: of the train frames' 2D masks.
+        rasteriser: draws Gaussians; its device is that of the training.
+        settings: of the pipeline.
+        folder: of intermediate results.
+        progress: called while the Gaussians are trained.
+
     Raises:
         Avs3dError: if the observation lacks a sparse model, sound or masks, or training diverges or runs out of memory.
 

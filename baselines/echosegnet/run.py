@@ -175,6 +175,20 @@ def write_sweep(
 ) -> tuple[SubmissionWriter, ...]:
     """One submission per voting threshold, ``<path>/voting-threshold-0.3`` and so on; else as `write_echosegnet`.
 
+    Args:
+        dataset: what to look at.
+        path: the folder of the submissions.
+        source: of the train frames' 2D masks.
+        settings: of the pipeline, but for the threshold.
+        thresholds: shares of votes, from 0 to below 1.
+        options: ``work``, ``devices``, … of `write_echosegnet`.
+
+    Returns:
+        The writers, in the order of the thresholds.
+
+    Raises:
+        UsageError, Avs3dError: see `write_echosegnet`.
+
     Examples:
         >>> from avs3d_bench import Dataset
         >>> from baselines.echosegnet.train import DensityControl, TrainingSettings

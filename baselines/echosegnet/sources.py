@@ -58,13 +58,21 @@ class OracleMasks:
         return f"oracle ({self.instance}{', ' + faults if faults else ''})"
 
     def mask(self, frame: Frame) -> Mask:
-        """The oracle's mask of a train frame."""
+        """(H, W) bool: the oracle's mask of a train frame.
+
+        Raises:
+            UsageError: for a test frame, or if the dataset has no truth.
+        """
         if frame.split != "train":
             raise UsageError(f"{frame.observation.key}/{frame.name}: the truth of test frames is not for this baseline")
         return oracle_mask(frame, instance=self.instance, errors=self.errors)
 
     def categories(self, frame: Frame) -> NDArray[np.uint8] | None:
-        """The oracle's class ids of a train frame of part_3."""
+        """(H, W) uint8: the oracle's class ids of a train frame of part_3; None elsewhere.
+
+        Raises:
+            UsageError: for a test frame.
+        """
         if frame.split != "train":
             raise UsageError(f"{frame.observation.key}/{frame.name}: the truth of test frames is not for this baseline")
         ids = oracle_prediction(frame, instance=self.instance, errors=self.errors).categories
@@ -95,7 +103,11 @@ class FolderMasks:
         return self.folder.resolve().name
 
     def mask(self, frame: Frame) -> Mask:
-        """The picture of a frame."""
+        """(H, W) bool: the picture of a frame; nothing is marked where there is no file.
+
+        Raises:
+            Avs3dError: if the observation has no mask at all, or a file is damaged.
+        """
         path = self._path(frame)
         if not path.exists():
             if not path.parent.is_dir() or not any(path.parent.glob("*.png")):

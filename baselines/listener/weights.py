@@ -120,7 +120,12 @@ def digest_path(path: Path) -> Path:
 def load_listener(path: str | Path | None = None, *, device: torch.device | str = "cpu") -> tuple[Listener, str]:
     """The network with its weights in float32, in evaluation mode, and the weights' sha256.
 
-    See `read_weights`.
+    Args:
+        path: file of weights; None: those of the package.
+        device: where the network goes.
+
+    Raises:
+        Avs3dError: see `read_weights`.
 
     Examples:
         >>> network, digest = load_listener("weights/listener.safetensors")  # without a file: the package's weights

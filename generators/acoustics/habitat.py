@@ -39,7 +39,12 @@ if TYPE_CHECKING:
 
 
 class ChannelLayoutType(Enum):
-    """habitat-sim's ``RLRAudioPropagationChannelLayoutType``, those that name a receiver of ours."""
+    """habitat-sim's ``RLRAudioPropagationChannelLayoutType``, those that name a receiver of ours.
+
+    Examples:
+        >>> ChannelLayoutType.Ambisonics.value
+        'ambisonics'
+    """
 
     Mono = "mono"
     Binaural = "binaural"
@@ -48,7 +53,17 @@ class ChannelLayoutType(Enum):
 
 @dataclass
 class ChannelLayout:
-    """habitat-sim's ``RLRAudioPropagationChannelLayout``: 1 channel, 2 ears, or (order + 1)² of Ambisonics."""
+    """habitat-sim's ``RLRAudioPropagationChannelLayout``: 1 channel, 2 ears, or (order + 1)² of Ambisonics.
+
+    Attributes:
+        channelType: what hears.
+        channelCount: number of channels.
+
+    Examples:
+        >>> layout = ChannelLayout(ChannelLayoutType.Ambisonics, 4)  # first order
+        >>> AudioSensorSpec(channelLayout=layout).channelLayout.channelCount
+        4
+    """
 
     channelType: ChannelLayoutType = ChannelLayoutType.Binaural  # noqa: N815
     channelCount: int = 2  # noqa: N815
@@ -56,7 +71,20 @@ class ChannelLayout:
 
 @dataclass
 class AcousticsConfiguration:
-    """habitat-sim's ``RLRAudioPropagationConfiguration`` with its defaults, those settings that act here."""
+    """habitat-sim's ``RLRAudioPropagationConfiguration`` with its defaults, those settings that act here.
+
+    Attributes:
+        sampleRate: Hz.
+        globalVolume: factor of the samples.
+        unitScale: metres in a unit of the mesh and of the poses.
+        direct, indirect, diffraction: whether these paths are heard.
+
+    Examples:
+        >>> config = AcousticsConfiguration(sampleRate=48_000)
+        >>> config.threadCount = 4  # habitat-sim's code runs; this engine has no such setting
+        >>> config.sampleRate, config.ignored
+        (48000, {'threadCount': 4})
+    """
 
     sampleRate: int = 44_100  # noqa: N815
     globalVolume: float = 0.25  # noqa: N815
@@ -86,7 +114,19 @@ _IGNORED = {
 
 @dataclass
 class AudioSensorSpec:
-    """habitat-sim's ``AudioSensorSpec``."""
+    """habitat-sim's ``AudioSensorSpec``.
+
+    Attributes:
+        uuid, position, outputDirectory, enableMaterials: habitat-sim's code sets them; they have no effect here.
+        acousticsConfig: settings of the simulation.
+        channelLayout: what hears.
+
+    Examples:
+        >>> spec = AudioSensorSpec(uuid="ears", position=(0.0, 1.5, 0.0))
+        >>> spec.acousticsConfig.sampleRate = 48_000
+        >>> spec.channelLayout.channelCount
+        2
+    """
 
     uuid: str = "audio"
     position: ArrayLike = (0.0, 0.0, 0.0)

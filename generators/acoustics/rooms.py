@@ -205,6 +205,10 @@ class Room:
     def check_inside(self, what: str, position: ArrayLike) -> None:
         """Refuse a point in a wall or outside of a shoebox; a mesh is looked at by the engines.
 
+        Args:
+            what: the word for the point, for the message.
+            position: (3,) metres.
+
         Raises:
             Avs3dError: naming the point and the box.
         """

@@ -18,7 +18,13 @@ from generators.manifest.schema import Manifest, ObservationSpec
 
 @dataclass(frozen=True)
 class ManifestFile:
-    """A manifest with its path, its text and the sha256 of its bytes.
+    """A manifest with its file.
+
+    Attributes:
+        manifest: what it says.
+        path: of the file, absolute.
+        text: of the file.
+        sha256: of its bytes.
 
     Examples:
         >>> source = read_manifest("room.yaml")
@@ -45,6 +51,9 @@ class ManifestFile:
 
 def read_manifest(path: str | Path) -> ManifestFile:
     """Read and check a manifest.
+
+    Args:
+        path: of the YAML file.
 
     Raises:
         UsageError: for each problem a line with the file, the field, its line, what was found and what was expected.

@@ -714,6 +714,12 @@ class Manifest(_Model):
     devices by which its sound is synthesised. ``levels`` is the range from which the level of each source re the common
     loudness is drawn (dB), beside its ``gain_db``.
 
+    ``version`` goes into dataset.json; ``notes`` is for readers; ``light`` is the quality of the baked light.
+    ``source_motion``, ``agent``, ``directivity`` and ``acoustics`` hold for every entry that has none of its own.
+
+    Raises:
+        pydantic.ValidationError: by `Manifest.model_validate`; `read_manifest` names the file and its lines as well.
+
     Examples:
         >>> observation = {"part": "part_1", "scan": "flat", "room": "kitchen", "index": 1, "category": "microwave"}
         >>> manifest = Manifest.model_validate(

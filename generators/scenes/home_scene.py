@@ -233,7 +233,14 @@ class HomeScene(PlacedScene):
         return WalkTask(self.site(room), there, **further)
 
     def picture(self, size: int = 512) -> RenderedView:
-        """A picture of the first object; without objects, of the largest room from the middle of its free floor."""
+        """A picture of the first object; without objects, of the largest room from the middle of its free floor.
+
+        Args:
+            size: side of the picture, pixels.
+
+        Raises:
+            Avs3dError: if no free floor is in sight of the object.
+        """
         with Renderer(self) as renderer:
             pose = self.look_at(1) if self.placements else view_of_room(self.site(largest(self.rooms)))
             return renderer.frame(pose, Intrinsics.from_fov(size))

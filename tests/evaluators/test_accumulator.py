@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import pickle
 import subprocess
 import sys
@@ -211,18 +210,6 @@ def test_directions_of_pixels_and_the_nearest_pixel_of_a_mask():
 def test_bad_directions_are_one_line(call: Any, line: str):
     with pytest.raises(Avs3dError, match=line):
         call()
-
-
-MODULES = [metrics.avsbench, metrics.ref_avs, metrics.avss, metrics.combo, metrics.pointing]
-
-
-def test_every_function_of_a_convention_has_an_example():
-    """They run in tests/pages/test_docstring_examples.py."""
-    for module in MODULES:
-        own = (f for name, f in inspect.getmembers(module, inspect.isfunction) if not name.startswith("_"))
-        for function in own:
-            if function.__module__ == module.__name__:
-                assert ">>>" in inspect.getdoc(function), f"{module.__name__}.{function.__name__} has no example"
 
 
 def test_the_metrics_need_neither_torch_nor_the_rest_of_the_toolkit():

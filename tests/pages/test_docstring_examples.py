@@ -43,6 +43,9 @@ SLOW = {
     ("avs3d_bench.exports", "write_huggingface"),
     ("generators", "Outcome"),
 }  # fmt: skip
+#: Packages of whose modules every function has an example, but those that begin so, which other functions use.
+WHOLE = ("avs3d_bench", "evaluators.metrics", "generators", "generators.acoustics")
+UNDER_THE_HOOD = ("encode_", "decode_", "check_", "is_binary")
 #: Package → what its examples may use without a word.
 FACES: dict[str, dict[str, Any]] = {}
 
@@ -146,7 +149,7 @@ def test_a_public_name_has_an_example_that_runs(
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("package", "name"), cases(slow=True))
-def test_a_public_name_has_an_example_that_runs_with_networks(
+def test_a_public_name_has_an_example_that_takes_long(
     package: str, name: str, weights: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(weights)
@@ -173,6 +176,19 @@ def test_the_reference_shows_every_public_name() -> None:
             continue
         module = thing.__module__
         assert {f"{module}.{thing.__qualname__}", f"{module}.*"} & pages, f"{module}.{thing.__qualname__} is on no page"
+
+
+def test_every_function_of_a_public_module_is_used_in_an_example() -> None:
+    modules = [each for each in INSTALLED if each[0] in WHOLE and isinstance(described(*each), ModuleType)]
+    files = [each for each in modules if not hasattr(described(*each), "__path__")]  # a package has names of its own
+    assert len(files) > 8
+    for package, name in files:
+        module = described(package, name)
+        text = "".join(one.source + one.want for test in examples(module, name, {}) for one in test.examples)
+        for part, thing in vars(module).items():
+            own = (inspect.isfunction(thing) or inspect.isclass(thing)) and thing.__module__ == module.__name__
+            if own and not part.startswith(("_", *UNDER_THE_HOOD)):
+                assert re.search(rf"\b{part}\b", text), f"no example of {module.__name__} uses {part}"
 
 
 def test_every_method_of_a_public_class_is_described() -> None:
