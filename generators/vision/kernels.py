@@ -41,7 +41,7 @@ NARROW = 1.0
 #: Metres ahead of the camera from which triangles are projected.
 NEAREST = 0.02
 #: Contrast of neighbours, in 8-bit levels, up to which an edge is not worth more rays.
-VISIBLE = 6
+VISIBLE = 8
 #: Contrast beyond which neighbours on different faces are an edge even if the surface goes on smoothly.
 STRONG = 16
 
