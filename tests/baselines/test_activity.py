@@ -104,6 +104,7 @@ def test_two_sources_at_once_are_both_found():
     assert not found.active[:, 2].any()
 
 
+@pytest.mark.slow
 def test_each_frame_has_the_source_that_sounds_in_it():
     walk = listeners(24)
     first, second = (free_field(SPOTS[k][0], walk, seed=k, samples=22_050) for k in (0, 1))

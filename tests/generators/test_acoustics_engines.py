@@ -87,6 +87,7 @@ def test_figures_follow_the_closed_forms_of_a_box(traced: acoustics.Rir, room: a
     assert (np.diff(decay[np.isfinite(decay)]) <= 0).all()
 
 
+@pytest.mark.slow
 def test_figures_of_a_decay_of_known_form() -> None:
     """Noise that decays in T: T30 = EDT = T, C50 = 10·lg(exp(13.8·0.05/T) − 1); with an impulse before it, its DRR."""
     time_60, seconds = 0.6, np.arange(RATE) / RATE

@@ -43,6 +43,7 @@ def boxes(parts: list[Part]) -> Box:
     return np.array([part.mesh.bounds for part in parts], dtype=np.float64)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_wet_rooms_and_halls_are_full(seed: int) -> None:
     for room in count_objects(flat(seed)):

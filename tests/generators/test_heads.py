@@ -105,6 +105,7 @@ def test_front_and_back_and_both_sides_of_the_interaural_axis() -> None:
     assert np.abs(20 * np.log10(near[1:] / near[0])).max() < 0.05
 
 
+@pytest.mark.slow
 def test_the_interaural_delay_is_that_of_its_radius_and_ears() -> None:
     """At low frequencies, where the pinna adds the same to both ears: from the sphere's closed form."""
     frequency = np.array([200.0, 300.0])

@@ -83,5 +83,5 @@ def test_constant_arguments_are_no_further_versions_of_a_function() -> None:
     assert _both(5.0) == 2.0 + 2.5 + 1.5
     assert gc.isenabled() == was
     if hasattr(_halved, "overloads"):  # not with NUMBA_DISABLE_JIT
-        assert len(_halved.overloads) == 1
+        assert len(_halved.overloads) <= 1  # none if `_both` was compiled by an earlier run
     assert _halved(5.0, True) == 2.0  # from Python, the function as it is written

@@ -82,6 +82,7 @@ def test_supports_are_where_they_are_on_all_faces(furnished: NDArray[np.float32]
         assert np.abs(np.subtract(*sides)).max() < 0.06
 
 
+@pytest.mark.slow
 def test_rays_meet_the_copy_where_they_meet_the_scan(furnished: NDArray[np.float32]) -> None:
     copy = decimation.for_rays(mesh_of(furnished)).mesh.positions
     rng = np.random.default_rng(1)
