@@ -37,6 +37,8 @@ from generators.vision.views import check_camera, pose_number, room_at, trial_sc
 SAMPLES = 64
 #: Paths that are followed at once on each kind of device: a picture depends on it, since they share random numbers.
 _PATHS = {"cuda": 1 << 24, "llvm": 1 << 21}
+#: Blocks of so many paths that wait on each kind of device, each with its memory (up to 1 GB on a GPU).
+_AHEAD = {"cuda": 4, "llvm": 1}
 #: The most that one path brings, over the radiance that is shown as white.
 MOST_LIGHT = 8.0
 
@@ -112,7 +114,8 @@ class PathtracedSession:
         # The last one of each stands for no face.
         self._is_picture = _of_faces(scene, lambda part, material: scene.is_scan(part) or material.shown is not None)
         self._shines = self._is_picture | _of_faces(scene, lambda part, material: max(material.emission) > 0)
-        most = max(1, _PATHS[mi.variant().split("_")[0]] // (SAMPLES * intrinsics.width))
+        kind = mi.variant().split("_")[0]
+        self._ahead, most = _AHEAD[kind], max(1, _PATHS[kind] // (SAMPLES * intrinsics.width))
         #: Rows of a block; all have as many, so that one recorded program serves them all.
         self._rows = ceil(intrinsics.height / ceil(intrinsics.height / most))
         self._room: str | None = None
@@ -179,6 +182,8 @@ class PathtracedSession:
         # Each pose has random numbers of its own: with the same ones, noise would stand still before a moving camera.
         seed, done = pose_number(pose), []
         for first in range(0, view.height, self._rows):
+            if done and len(done) % self._ahead == 0:
+                dr.sync_thread()
             start = dr.opaque(mi.UInt32, first * view.width)
             seeds = [dr.opaque(mi.UInt32, (seed + 2 * first + number) & 0xFFFFFFFF) for number in range(len(programs))]
             # One scene at a time, since OptiX cannot trace two in one kernel.
