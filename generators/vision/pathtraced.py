@@ -180,7 +180,8 @@ class PathtracedSession:
         # Opaque: else each pose would be compiled into a kernel of its own.
         dr.make_opaque(vectors)
         # Each pose has random numbers of its own: with the same ones, noise would stand still before a moving camera.
-        seed, done = pose_number(pose), []
+        seed = pose_number(pose)
+        done: list[list[list[Any]]] = []
         for first in range(0, view.height, self._rows):
             if done and len(done) % self._ahead == 0:
                 dr.sync_thread()
