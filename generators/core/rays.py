@@ -59,10 +59,11 @@ class Tracer:
             raise Avs3dError(f"ray casting: {bad} of {len(triangles)} triangles are not finite; repair the mesh")
         global _last
         digest = hashlib.blake2b(triangles.data).digest()
-        if _last is not None and _last[0] == digest:
-            self._scene = _last[1]
+        last = _last  # read once: another thread may set it
+        if last is not None and last[0] == digest:
+            self._scene = last[1]
             return
-        _last = None
+        _last = last = None  # frees the memory before the next is built
         self._scene = EmbreeScene(robust=True)
         TriangleMesh(self._scene, triangles)
         # The first query commits (builds) the scene: done here, so that later queries only read and may share threads.
