@@ -2,15 +2,15 @@
 
     python -m benchmarks.separability --recordings FOLDER -o FILE.json [--cnn]
 
-A nearest neighbour on spectral and modulation features, and with ``--cnn`` a small convolutional network on log-mel
-spectrograms, are trained on seconds of *train* voices, dry and reverberant, and asked about seconds of *validation* and
-*test* voices and of recordings: as they are, and low-passed at 4, 8 and 16 kHz. In brackets: takes of ten seconds, over
-which the answers are averaged. A benchmark whose sounds a fingerprint solves would be near 100 % on test voices; one
-whose sounds say nothing of real ones would be at chance, 14 %, on recordings. A third recogniser has nothing but the
-mean spectrum from 10 to 20 kHz. The nearest neighbour's training seconds pass the same filter as those that are asked
-about; the network is trained once, on spectra that end at random frequencies. It is also asked about each training
-voice after training on the others, which says how much of a miss is the distance between any two voices. FILE.json
-holds one run, so that all its rows have one size.
+A nearest neighbour on spectral and modulation features, and with ``--cnn`` small convolutional networks on log-mel
+spectrograms (`separability_network`), are trained on seconds of *train* voices, dry and reverberant, and asked about
+seconds of *validation* and *test* voices and of recordings: as they are, and low-passed at 4, 8 and 16 kHz. In
+brackets: takes of ten seconds, over which the answers are averaged. A benchmark whose sounds a fingerprint solves would
+be near 100 % on test voices; one whose sounds say nothing of real ones would be at chance, 14 %, on recordings. A third
+recogniser has nothing but the mean spectrum from 10 to 20 kHz. The nearest neighbour's training seconds pass the same
+filter as those that are asked about; networks are trained once, on spectra that are changed at random. The neighbour is
+also asked about each training voice after training on the others, which says how much of a miss is the distance between
+any two voices. FILE.json holds one run, so that all its rows have one size.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from avs3d_bench.contract.layout import SAMPLE_RATE
 from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.formats.files import write_json
 from avs3d_bench.runtime.parallel import process_each
+from benchmarks.separability_network import MELS, RANGE, Network, Training, log_mel
 from benchmarks.voices import recordings
 from generators.assets.sounds import synthesise, voices
 from generators.assets.sounds.recordings import resampled
@@ -45,11 +46,7 @@ Recogniser = Callable[[Array], Array]
 #: Seconds of each unit of a voice.
 SECONDS = 10
 #: Networks whose answers are averaged.
-NETWORKS = 3
-#: Clips of a step of the network's training.
-_BATCH = 128
-#: Bands of the mel spectrogram, samples of a hop and of a window.
-MELS, HOP, WINDOW = 64, 441, 2048
+NETWORKS = 5
 #: Bands whose modulation is a feature, and edges of the bands of modulation (in bins of about 1 Hz).
 MODULATED, MODULATION_BINS = 8, (1, 2, 3, 5, 9, 17, 33, 48)
 #: Bands of the coarse spectrum, coefficients of cosine transforms over the bands, longest lag (hops).
@@ -80,26 +77,22 @@ class Clips:
     labels: NDArray[np.int64]
     names: list[str]
 
-    def filtered(self, change: Filter) -> Clips:
-        """The same clips through a filter."""
-        return Clips(np.stack([change(clip) for clip in self.samples]), self.labels, self.names)
-
     @property
     def voices(self) -> NDArray[np.str_]:
         """(n,) ``category/voice`` of each clip."""
         return np.array([name.rsplit("/", 1)[0] for name in self.names])
 
 
-def changed_features(samples: Array, change: str, workers: int | None) -> Array:
-    """(n, 190) `features` of clips (n, 44100) after one of `CHANGES`, in processes (None: one per core)."""
+def prepared(of: Callable[[Array], Any], samples: Array, change: str, workers: int | None = None) -> Any:
+    """`features` or `log_mel` of clips (n, 44100) after one of `CHANGES`, in processes (None: one per core)."""
     from sklearn.utils.parallel import Parallel, delayed
 
-    parts = Parallel(n_jobs=workers or -1)(delayed(_changed_features)(part, change) for part in _chunks(samples))
+    parts = Parallel(n_jobs=workers or -1)(delayed(_prepared)(of, part, change) for part in _chunks(samples))
     return np.concatenate(parts)
 
 
-def _changed_features(part: Array, change: str) -> Array:
-    return features(np.stack([CHANGES[change](clip) for clip in part]))
+def _prepared(of: Callable[[Array], Any], part: Array, change: str) -> Any:
+    return of(np.stack([CHANGES[change](clip) for clip in part]))
 
 
 def of_voices(split: str, seed: int, units: int, workers: int | None) -> Clips:
@@ -160,23 +153,6 @@ def _response(rng: np.random.Generator) -> Array:
     tail *= 10 ** (-rng.uniform(*DIRECT_DB) / 20)
     tail[0] += 1.0
     return np.asarray(tail)
-
-
-def log_mel(clips: Array) -> NDArray[np.float32]:
-    """(n, MELS, frames) log-mel power of clips (n, 44100), 50 Hz to 20 kHz."""
-    bank = _mel_bank()
-    frames = np.lib.stride_tricks.sliding_window_view(clips, WINDOW, axis=1)[:, ::HOP]
-    out = [np.log10(bank @ (np.abs(np.fft.rfft(each * np.hanning(WINDOW))) ** 2).T + 1e-4) for each in frames]
-    return np.asarray(out, dtype=np.float32)
-
-
-def _mel_bank() -> Array:
-    """(MELS, bins) triangular bands."""
-    edges = np.geomspace(50, 20_000, MELS + 2)
-    bins = np.fft.rfftfreq(WINDOW, 1 / SAMPLE_RATE)
-    rising = (bins - edges[:-2, None]) / (edges[1:-1] - edges[:-2])[:, None]
-    falling = (edges[2:, None] - bins) / (edges[2:] - edges[1:-1])[:, None]
-    return np.clip(np.minimum(rising, falling), 0, None)
 
 
 def features(clips: Array) -> Array:
@@ -276,99 +252,6 @@ def _in_subspace(known: Array, labels: NDArray[np.int64], devices: NDArray[np.st
     return out
 
 
-class _Network:
-    """Four convolutions on log-mel spectrograms, trained with changed spectra, on a GPU where there is one.
-
-    Args:
-        mel: (n, MELS, frames) `log_mel` of the training seconds.
-        numbers: (n,) of their categories.
-        epochs: passes over them.
-        seed: of weights and changes.
-    """
-
-    def __init__(
-        self, mel: NDArray[np.float32], numbers: NDArray[np.int64], *, epochs: int = 25, seed: int = 0
-    ) -> None:
-        import torch
-        from torch import nn
-
-        torch.manual_seed(seed)
-        self._device = "cuda" if torch.cuda.is_available() else "cpu"
-        self._mean, self._deviation = mel.mean(), mel.std()
-        data, labels = self._tensor(mel), torch.from_numpy(numbers).to(self._device)
-        layers: list[Any] = []
-        for before, after in ((1, 32), (32, 64), (64, 128), (128, 128)):
-            layers += [nn.Conv2d(before, after, 3, padding=1), nn.BatchNorm2d(after), nn.ReLU(), nn.MaxPool2d(2)]
-        layers += [nn.AdaptiveAvgPool2d(1), nn.Flatten(), nn.Dropout(0.4), nn.Linear(128, len(CATEGORIES))]
-        self._model = nn.Sequential(*layers).to(self._device)
-        optimiser = torch.optim.AdamW(self._model.parameters(), 2e-3, weight_decay=2e-2)
-        steps = epochs * (-(-len(data) // _BATCH))
-        schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, 4e-3, total_steps=steps)
-        # Categories have different numbers of seconds that are not silent.
-        weight = len(labels) / torch.bincount(labels, minlength=len(CATEGORIES)).clamp(1)
-        self._model.train()
-        for _ in range(epochs):
-            for index in torch.split(torch.randperm(len(data), device=self._device), _BATCH):
-                optimiser.zero_grad()
-                answer = self._model(_changed(data[index], self._floor))
-                loss: Any = nn.functional.cross_entropy(
-                    answer, labels[index], weight=weight / weight.mean(), label_smoothing=0.1
-                )
-                loss.backward()
-                optimiser.step()
-                schedule.step()
-        self._model.eval()
-
-    @property
-    def _floor(self) -> float:
-        return float((-4.0 - self._mean) / self._deviation)
-
-    def _tensor(self, mel: NDArray[np.float32]) -> Any:
-        import torch
-
-        return torch.from_numpy((mel - self._mean) / self._deviation)[:, None].to(self._device)
-
-    def probabilities(self, mel: NDArray[np.float32]) -> Array:
-        """(n, categories) of clips whose `log_mel` is ``mel``."""
-        import torch
-
-        with torch.no_grad():
-            parts = [self._model(part).softmax(dim=1) for part in torch.split(self._tensor(mel), 256)]
-        return np.asarray(torch.cat(parts).cpu().numpy(), dtype=np.float64)
-
-
-def _networks(train: Clips) -> Recogniser:
-    """The mean answer of networks that differ by their seeds: one alone varies by some points between seeds."""
-    mel = log_mel(train.samples)
-    trained = [_Network(mel, train.labels, seed=seed) for seed in range(NETWORKS)]
-
-    def answer(clips: Array) -> Array:
-        asked = log_mel(clips)
-        return np.asarray(np.mean([one.probabilities(asked) for one in trained], axis=0))
-
-    return answer
-
-
-def _changed(batch: Any, floor: float) -> Any:
-    """Spectrograms (n, 1, MELS, frames) with another response, end of the spectrum and floor, one stretch hidden."""
-    import torch
-
-    n, _, bands, frames = batch.shape
-    new = {"device": batch.device}
-    knots = 0.35 * torch.randn(n, 1, 9, 1, **new)
-    response = torch.nn.functional.interpolate(knots, (bands, 1), mode="bilinear", align_corners=True)
-    changed = batch + response + 0.2 * torch.randn(n, 1, 1, 1, **new)
-    band = torch.arange(bands, **new).view(1, 1, -1, 1)
-    # Half of them end between 3 and 20 kHz: 44 of 64 bands lie below 3 kHz.
-    end = torch.where(torch.rand(n, 1, 1, 1, **new) < 0.5, 44 + 20 * torch.rand(n, 1, 1, 1, **new), bands)
-    changed = torch.where(band < end, changed, floor)
-    start = torch.rand(n, 1, 1, 1, **new) * frames
-    time = torch.arange(frames, **new).view(1, 1, 1, -1)
-    hidden = (time >= start) & (time < start + 0.15 * frames)
-    noise = floor + 1.2 * torch.rand(n, 1, 1, 1, **new)
-    return torch.maximum(torch.where(hidden, floor, changed), noise)
-
-
 def low_pass(corner: float) -> Filter:
     """A filter that leaves what lies below ``corner`` (Hz)."""
     sections = butter(8, corner, "lowpass", fs=SAMPLE_RATE, output="sos")
@@ -379,7 +262,7 @@ def top_octave(train: Clips) -> Recogniser:
     """The nearest mean spectrum from 10 to 20 kHz: what a band edge would tell, without the course in time."""
     from sklearn.neighbors import KNeighborsClassifier
 
-    centres = np.geomspace(50, 20_000, MELS + 2)[1:-1]
+    centres = np.geomspace(*RANGE, MELS + 2)[1:-1]
 
     def top(clips: Array) -> Array:
         bands = log_mel(clips).mean(axis=2)[:, centres > 10_000]
@@ -450,31 +333,59 @@ def verdict(probabilities: Array, asked: Clips) -> dict[str, Any]:
     }
 
 
-def measure(train: Clips, sets: Mapping[str, Clips], *, cnn: bool, workers: int | None = None) -> dict[str, Any]:
+def of_neighbours(train: Clips, sets: Mapping[str, Clips], workers: int | None = None) -> dict[str, dict[str, Any]]:
+    """Verdicts of the nearest neighbour: set → change → verdict, with the training voices left out in turn."""
+    found: dict[str, dict[str, Any]] = {which: {} for which in (*sets, LEFT_OUT)}
+    for name in CHANGES:
+        known = prepared(features, train.samples, name, workers)
+        found[LEFT_OUT][name] = verdict(left_out(train, known, workers), train)
+        for which, asked in sets.items():
+            unknown = prepared(features, asked.samples, name, workers)
+            found[which][name] = verdict(nearest(known, train.labels, train.voices, unknown, workers), asked)
+    return found
+
+
+def of_networks(
+    train: Clips, sets: Mapping[str, Clips], training: Training, workers: int | None = None
+) -> dict[str, dict[str, Any]]:
+    """Verdicts of the mean answer of networks that differ by their seeds: one alone varies by some points.
+
+    Args:
+        train: what they are trained on.
+        sets: what they are asked about.
+        training: how they are trained.
+        workers: processes; None: one per core.
+
+    Returns:
+        set → change → verdict.
+    """
+    mel = prepared(log_mel, train.samples, "whole", workers)
+    trained = [Network(mel, train.labels, training, seed) for seed in range(NETWORKS)]
+    found: dict[str, dict[str, Any]] = {which: {} for which in sets}
+    for which, asked in sets.items():
+        for name in CHANGES:
+            unknown = prepared(log_mel, asked.samples, name, workers)
+            found[which][name] = verdict(np.mean([one.probabilities(unknown) for one in trained], axis=0), asked)
+    return found
+
+
+def measure(
+    train: Clips, sets: Mapping[str, Clips], *, training: Training | None = None, workers: int | None = None
+) -> dict[str, Any]:
     """All verdicts: recogniser → set → change → verdict.
 
     Args:
         train: what the recognisers are trained on.
         sets: what they are asked about.
-        cnn: train the network, too.
+        training: how the networks are trained; None: there are none.
         workers: processes; None: one per core.
     """
-    neighbour: dict[str, dict[str, Any]] = {which: {} for which in (*sets, LEFT_OUT)}
-    network = _networks(train) if cnn else None
-    of_network: dict[str, dict[str, Any]] = {which: {} for which in sets}
-    for name, change in CHANGES.items():
-        known = changed_features(train.samples, name, workers)
-        neighbour[LEFT_OUT][name] = verdict(left_out(train, known, workers), train)
-        for which, asked in sets.items():
-            unknown = changed_features(asked.samples, name, workers)
-            answers = nearest(known, train.labels, train.voices, unknown, workers)
-            neighbour[which][name] = verdict(answers, asked)
-            if network is not None:
-                of_network[which][name] = verdict(network(asked.filtered(change).samples), asked)
     top = top_octave(train)
-    of_top = {which: {"whole": verdict(top(asked.samples), asked)} for which, asked in sets.items()}
-    report = {"nearest neighbour": neighbour, "10 to 20 kHz alone": of_top}
-    return report | ({"network": of_network} if cnn else {})
+    report = {
+        "nearest neighbour": of_neighbours(train, sets, workers),
+        "10 to 20 kHz alone": {which: {"whole": verdict(top(one.samples), one)} for which, one in sets.items()},
+    }
+    return report if training is None else report | {"network": of_networks(train, sets, training, workers)}
 
 
 def shares_table(report: Mapping[str, Any]) -> list[list[str]]:
@@ -512,7 +423,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         split: of_voices(split, 1 + n, options.asked, options.workers) for n, split in enumerate(("validation", "test"))
     }
     sets["recordings"] = of_recordings(options.recordings, 3)
-    report = measure(train, sets, cnn=options.cnn, workers=options.workers)
+    report = measure(train, sets, training=Training() if options.cnn else None, workers=options.workers)
     write_json(options.output, report)
     for name, sets in report.items():
         for which, changes in sets.items():

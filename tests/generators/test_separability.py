@@ -1,0 +1,112 @@
+"""The networks of the separability table: what their training spectra go through, and what they see of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.separability_network import MELS, Network, Training, band_of, changed, log_mel, seen
+
+torch: Any = pytest.importorskip("torch")
+
+#: Nothing is changed.
+PLAIN = Training(response_db=0.0, tilt_db=0.0, ends=0.0, begins=0.0, floors=0.0, mixed=0.0, shift=0.0, hidden_time=0.0,
+                 hidden_bands=0.0, depth_db=60.0)  # fmt: skip
+
+
+def spectra(count: int, level: float = 0.0) -> Any:
+    """Even spectra (count, 1, MELS, 20)."""
+    return torch.full((count, 1, MELS, 20), level)
+
+
+def test_nothing_changes_without_a_change() -> None:
+    torch.manual_seed(0)
+    batch = torch.randn(4, 1, MELS, 20)
+    assert torch.equal(changed(batch, spectra(1), PLAIN), batch)
+
+
+def test_spectra_end_above_the_lowest_end_and_begin_below_300_hz() -> None:
+    torch.manual_seed(0)
+    out = changed(spectra(200), spectra(1), replace(PLAIN, ends=1.0, begins=1.0, end_hz=3000.0))
+    hidden = (out == -10.0).all(dim=3)[:, 0].float().mean(dim=0).numpy()
+    assert not hidden[int(band_of(300.0)) + 1 : int(band_of(3000.0))].any()
+    assert hidden[-1] > 0.9
+    assert hidden[0] > 0.9
+    assert 0.2 < hidden[round((band_of(3000.0) + MELS) / 2)] < 0.8
+
+
+def test_a_floor_has_its_level_below_the_clip() -> None:
+    torch.manual_seed(0)
+    batch = spectra(100)
+    batch[:, :, :, 10:] = -9.0
+    out = changed(batch, spectra(1), replace(PLAIN, floors=1.0, floor_db=(-40.0, -40.0)))
+    silent = (out[:, :, :, 10:] * np.log(10)).exp().mean(dim=(1, 2, 3))
+    # The clip's power is that of its loud half.
+    np.testing.assert_allclose(10 * np.log10(silent.numpy()), -43.0, atol=0.1)
+    assert out[:, :, :, 10:].mean(dim=3).std() > 0.3, "floors have different slopes"
+    np.testing.assert_allclose(out[:, :, :, :10].numpy(), 0.0, atol=0.02)
+
+
+def test_a_shift_moves_all_bands_alike() -> None:
+    torch.manual_seed(1)
+    batch = torch.arange(MELS).view(1, 1, -1, 1) * torch.ones(5, 1, MELS, 4)
+    moved = (changed(batch, spectra(1), replace(PLAIN, shift=2.0)) - batch)[:, :, 12:-12]
+    assert moved.std(dim=2).max() < 1e-4
+    assert moved.mean(dim=2).abs().min() > 0.01
+
+
+@pytest.mark.parametrize("shows", [("level",), ("contrast", "swing")])
+def test_what_a_network_sees_has_no_level_and_nothing_below_its_depth(shows: tuple[str, ...]) -> None:
+    training = replace(PLAIN, depth_db=50.0, shows=shows)
+    torch.manual_seed(2)
+    batch = torch.randn(3, 1, MELS, 20)
+    assert torch.allclose(seen(batch, training), seen(batch + 2.0, training), atol=1e-4)
+    deep = torch.where(torch.arange(MELS).view(1, 1, -1, 1) > 40, -7.0, batch)
+    deeper = torch.where(torch.arange(MELS).view(1, 1, -1, 1) > 40, -10.0, batch)
+    assert torch.allclose(seen(deep, training), seen(deeper, training))
+    assert not torch.allclose(seen(deep, training), seen(batch, training))
+    assert seen(batch, training).shape[1] == len(shows)
+
+
+def test_contrast_has_no_tilt() -> None:
+    tilt = torch.linspace(0.0, -3.0, MELS).view(1, 1, -1, 1)
+    one, other = (seen(spectra(1) + k * tilt, replace(PLAIN, shows=("contrast",)))[:, 0, 8:-8] for k in (0.0, 1.0))
+    assert torch.allclose(one, other, atol=1e-5)
+
+
+def test_tempo_changes_periods_and_keeps_bands() -> None:
+    torch.manual_seed(3)
+    course = torch.sin(2 * np.pi * torch.arange(96.0) / 12).view(1, 1, 1, -1)
+    batch = torch.arange(float(MELS)).view(1, 1, -1, 1) + course.expand(20, -1, MELS, -1)
+    out = changed(batch, spectra(1), replace(PLAIN, tempo=0.3))
+    found = (out - out.mean(dim=3, keepdim=True))[:, 0]
+    turns = (found[:, 0].sign().diff(dim=1) != 0).sum(dim=1)
+    assert turns.min() < 13 < 19 < turns.max(), "of 16 as it was"
+    assert torch.allclose(found[:, :1].expand_as(found), found, atol=1e-3)
+
+
+def test_a_gate_hides_quiet_frames_alone() -> None:
+    torch.manual_seed(4)
+    batch = spectra(60)
+    batch[..., 10:] = -2.0
+    out = changed(batch, spectra(1), replace(PLAIN, gates=1.0))
+    shut = (out[..., 10:] == -10.0).flatten(1).all(dim=1).float().mean()
+    assert 0.1 < shut < 0.6, "a third of the gates lie above 20 dB"
+    assert torch.equal(out[..., :10], batch[..., :10])
+
+
+def test_a_network_learns_what_differs_and_not_the_response() -> None:
+    """Noise that swings and noise that does not; those asked about have another response."""
+    rng = np.random.default_rng(0)
+    clips = rng.standard_normal((96, 44_100))
+    labels = np.arange(96) % 2
+    clips[labels == 1] *= 1 + 0.9 * np.sin(2 * np.pi * 8 * np.arange(44_100) / 44_100)
+    mel = log_mel(clips)
+    network = Network(mel[:64], labels[:64], Training(epochs=40, width=4))
+    dull = mel[64:] - np.linspace(0, 2, MELS, dtype=np.float32)[:, None]
+    answers = network.probabilities(dull)
+    np.testing.assert_allclose(answers.sum(axis=1), 1.0, atol=1e-5)
+    assert (answers.argmax(axis=1) == labels[64:]).mean() > 0.9
