@@ -190,27 +190,26 @@ def _scan(observation: dict[str, Any]) -> str:
 def train_one(plan: Trainings, title: str, seed: int) -> None:
     """Train an arm with a seed, score it and write the file of its figures."""
     import torch
-    from lightning_fabric import Fabric
 
     from baselines.listener.batches import Sampler
     from baselines.listener.checkpoint import CHECKPOINT
-    from baselines.listener.job import calibration_of, flushed
+    from baselines.listener.job import TrainingOptions, calibration_of, flushed, make_fabric
     from baselines.listener.steps import Schedule
     from baselines.listener.training import train
 
     began = time.monotonic()
     torch.set_float32_matmul_precision("high")
     torch.backends.cudnn.benchmark = True
-    precision: Any = plan.precision
-    fabric = Fabric(accelerator=plan.accelerator, devices=1, precision=precision)
+    options = TrainingOptions(plan.data, plan.work, epochs=1, accelerator=plan.accelerator)
+    fabric = make_fabric(options, plan.precision)
     fabric.launch()
     arm, store = ARMS[title], _store(plan.data, ARMS[title].voices)
     settings = _settings(plan, arm, seed, store.table.homes)
     schedule = Schedule(validate_every=10**9, checkpoint_minutes=math.inf)
     folder = plan.work / "runs" / plan.result(title, seed).stem
-    seen = (
-        plan.work / "pictures" / "-".join(map(str, (arm.voices, arm.homes, *set(arm.without) & set(_PICTURES), seed)))
-    )
+    # What decides the steps that learn from pictures alone.
+    early = (arm.voices, arm.homes, *(name for name in arm.without if name in _PICTURES), seed)
+    seen = plan.work / "pictures" / "-".join(map(str, early))
     with flushed():
         if settings.picture_steps:
             with wait_for_lock(seen / "lock"):
@@ -226,10 +225,8 @@ def train_one(plan: Trainings, title: str, seed: int) -> None:
     found = {name: scores(network, calibration, _store(plan.data, name), fabric.device) for name in TESTS}
     sampler = Sampler(store, 1, seed, homes=settings.homes)
     views = {*sampler.visible.tolist(), *sampler.empty.tolist()}
-    data = {
-        "homes": len({store.table.homes[view] for view in views}), "pictures": len(views),
-        "sounds": sum(view in views for view in store.table.view),
-    }  # fmt: skip
+    count = sum(view in views for view in store.table.view)
+    data = {"homes": len({store.table.homes[view] for view in views}), "pictures": len(views), "sounds": count}
     shutil.rmtree(folder)
     write_json(plan.result(title, seed), {
         "figures": found, "data": data, "threshold": calibration.threshold, "validation": result.validation,
