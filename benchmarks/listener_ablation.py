@@ -80,16 +80,16 @@ _SOUNDS = {
     "decay": ("decay",), "ears": ("ears",),
 }  # fmt: skip
 _PICTURES = ("blur", "colour", "grain", "jpeg")
-#: Title in the docs → arm; in the order in which they are trained.
+#: Title in the docs → arm; in the order in which they are trained, as far as their data is there.
 ARMS = {
     "nothing": Arm(),
     "all changes": Arm(without=tuple(sorted(sum(_SOUNDS.values(), _PICTURES)))),
     "colour, blur, grain, jpeg": Arm(without=_PICTURES),
-    **{title: Arm(without=names) for title, names in _SOUNDS.items()},
     "half of the homes": Arm(homes=0.5),
-    "three quarters of the homes": Arm(homes=0.25),
     "half of the homes, half of the voices": Arm(voices="half"),
     "half of the homes, three quarters of the voices": Arm(voices="quarter"),
+    "three quarters of the homes": Arm(homes=0.25),
+    **{title: Arm(without=names) for title, names in _SOUNDS.items()},
 }
 
 
@@ -375,31 +375,32 @@ def collected(results: Path, seeds: int = 100) -> dict[str, Any]:
         for name in TESTS if runs else ():
             found = {seed: run["figures"][name] for seed, run in runs.items()}
             row = {figure: _over([one[figure] for one in found.values()]) for figure in (*FIGURES, "FP_rate")}
-            pairs = [(found[seed], usual[seed][name]) for seed in found if seed in usual]
-            row["change"] = _over([one["strict_IoU"] - other["strict_IoU"] for one, other in pairs])
+            pairs = [(found[seed]["strict_IoU"], usual[seed][name]["strict_IoU"]) for seed in found if seed in usual]
+            row["change"] = _over([one - other for one, other in pairs if None not in (one, other)])
             out.setdefault(title, {"data": next(iter(runs.values()))["data"]})[name] = row
     return out
 
 
-def _over(values: list[float]) -> dict[str, Any] | None:
+def _over(values: list[float | None]) -> dict[str, Any] | None:
     """As `benchmarks.listener_seeds.cell` takes it, without an interval; None without values."""
-    rounded = [round(value, 4) for value in values]
-    return {"mean": round(fmean(values), 4), "values": rounded, "interval": None} if values else None
+    known = [round(value, 4) for value in values if value is not None]
+    return {"mean": round(fmean(known), 4), "values": known, "interval": None} if known else None
 
 
 def table_rows(arms: dict[str, Any]) -> list[list[str]]:
-    """Rows of the docs: what is left out, homes and sounds, and of each of `TESTS` the figures.
+    """Rows of the docs: what is left out, homes and sounds, and of each of `TESTS` the figures; homes and voices last.
 
     Args:
         arms: of `collected`.
     """
+    titles = sorted(arms, key=lambda title: not ARMS[title].without and title != "nothing")
     return [
         [
             title,
-            f"{row['data']['homes']}, {row['data']['sounds']:,}",
-            *(text for name in TESTS for text in _cells(row.get(name, {}))),
+            f"{arms[title]['data']['homes']}, {arms[title]['data']['sounds']:,}",
+            *(text for name in TESTS for text in _cells(arms[title][name])),
         ]
-        for title, row in arms.items()
+        for title in titles
     ]
 
 

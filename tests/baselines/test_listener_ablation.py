@@ -117,7 +117,7 @@ def test_the_surest_pixel_may_lie_a_little_beside_what_sounds(monkeypatch: pytes
 
 
 def test_changes_are_those_of_the_same_seeds(tmp_path: Path) -> None:
-    def trained(title: str, seed: int, iou: float) -> None:
+    def trained(title: str, seed: int, iou: float | None) -> None:
         row = {"strict_IoU": iou, "direction": 0.5, "category": 0.6, "FP_rate": 0.1}
         figures = dict.fromkeys(ablation.TESTS, row)
         data = {"homes": 44, "pictures": 1000, "sounds": 4000}
@@ -127,8 +127,10 @@ def test_changes_are_those_of_the_same_seeds(tmp_path: Path) -> None:
     trained("nothing", 1, 0.40)
     trained("gain, noise", 1, 0.35)
     trained("gain, noise", 2, 0.90)
+    trained("decay", 0, None)  # no frame shows what sounds
     found = ablation.collected(tmp_path)
-    assert list(found) == ["nothing", "gain, noise"]
+    assert list(found) == ["nothing", "gain, noise", "decay"]
+    assert (found["decay"]["validation"]["strict_IoU"], found["decay"]["validation"]["change"]) == (None, None)
     assert found["gain, noise"]["validation"]["strict_IoU"]["values"] == [0.35, 0.9]
     assert found["gain, noise"]["validation"]["change"]["values"] == [-0.05]
     rows = ablation.table_rows(found)
