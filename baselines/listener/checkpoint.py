@@ -17,6 +17,7 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats.files import atomic_path
 from baselines.listener.batches import SOUNDS
 from baselines.listener.model import Listener, Widths
+from baselines.listener.picture_changes import PICTURE_CHANGES
 
 CHECKPOINT = "checkpoint.pt"
 #: Most steps in which the learning rate rises.
@@ -130,7 +131,8 @@ def _moving_average(decay: float) -> Any:
 def resume(state: State, folder: Path, settings: Settings, digest: str) -> None:
     """Take over the folder's checkpoint, if there is one.
 
-    As long as pictures alone are learnt, the rate stays: the numbers of steps that are still to come may change.
+    As long as pictures alone are learnt, the rate stays and no sound is changed: the numbers of steps that are still to
+    come may change, and which changes of sounds are left out. So runs that differ in these may share their beginning.
 
     Raises:
         UsageError: if it was made with other settings or data.
@@ -144,7 +146,7 @@ def resume(state: State, folder: Path, settings: Settings, digest: str) -> None:
         settled, trained = json.loads(saved["settings"]), saved["data"]
         early = saved["step"] <= min(settled["picture_steps"], settings.picture_steps)
         for name, value in json.loads(_as_json(settings)).items():
-            if settled[name] != value and not (early and name in ("steps", "picture_steps")):
+            if settled[name] != value and not (early and _comes_later(name, settled[name], value)):
                 raise UsageError(
                     f"{path}: a run with {name} {settled[name]}, asked for {value}; use the same, or another folder"
                 )
@@ -160,6 +162,13 @@ def resume(state: State, folder: Path, settings: Settings, digest: str) -> None:
         raise
     except Exception as error:
         raise Avs3dError(f"{path}: cannot go on from this checkpoint ({type(error).__name__}); delete it") from error
+
+
+def _comes_later(name: str, before: Any, now: Any) -> bool:
+    """Whether a setting that differs takes no part while pictures alone are learnt."""
+    if name == "without":
+        return not set(before).symmetric_difference(now) & set(PICTURE_CHANGES)
+    return name in ("steps", "picture_steps")
 
 
 def save_checkpoint(state: State, folder: Path, settings: Settings, digest: str) -> None:

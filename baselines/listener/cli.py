@@ -46,6 +46,7 @@ def train() -> None:
     help="Of the network; two CPU cores train the small one within hours.",
 )
 @click.option("--minutes", type=click.FloatRange(0, min_open=True), help="Stop after this time; run again to go on.")
+@click.option("--stop-at", type=click.IntRange(1), metavar="STEP", help="Stop after this step; run again to go on.")
 @click.option(
     "--batch-size", "batch", type=click.IntRange(1), default=256, show_default=True, help="Sounds per device."
 )

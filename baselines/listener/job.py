@@ -38,6 +38,7 @@ class TrainingOptions:
     size: str = "full"
     manifest: Path | None = None
     minutes: float | None = None
+    stop_at: int | None = None
     batch: int = 256
     rate: float = 1.5e-3
     devices: int = 1
@@ -119,7 +120,9 @@ def run_job(job: TrainingOptions, precision: str, *, progress: bool = False) -> 
         settings = replace(settings, steps=job.picture_steps + max(1, round(job.epochs * sampler.steps)))
     # The time that reading took belongs to --minutes.
     left = None if job.minutes is None else job.minutes - (time.monotonic() - began) / 60
-    schedule = Schedule(minutes=left, validate_every=job.validate_every, compile=job.compile)
+    schedule = Schedule(
+        minutes=left, stop_at=job.stop_at, validate_every=job.validate_every, compile=job.compile
+    )  # fmt: skip
     with flushed():
         result = train(store, job.folder, settings, fabric=fabric, schedule=schedule)
         found = calibration_of(result, tuning, fabric) if result.finished else None

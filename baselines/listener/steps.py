@@ -43,12 +43,14 @@ class Schedule:
 
     Attributes:
         minutes: time after which the run stops and keeps its checkpoint; None: none.
+        stop_at: step after which it does; None: none.
         checkpoint_minutes: time between two checkpoints.
         validate_every: steps between two validations; None: ten in a run.
         compile: whether the network is compiled (`torch.compile`).
     """
 
     minutes: float | None = None
+    stop_at: int | None = None
     checkpoint_minutes: float = 2.0
     validate_every: int | None = None
     compile: bool = False
@@ -146,7 +148,8 @@ class Run:
         saved = reported = time.monotonic()
         since = state.step
         self._note({"event": "start", "step": state.step, "steps": settings.steps, **self._description()})
-        with Ahead(self._plan, range(state.step, settings.steps)) as plans:
+        last = min(settings.steps, self.schedule.stop_at or settings.steps)
+        with Ahead(self._plan, range(state.step, last)) as plans:
             for step, plan in plans:
                 self._step(step, plan)
                 now = time.monotonic()

@@ -549,6 +549,25 @@ def test_steps_to_come_may_change_while_pictures_alone_are_learnt(
 
 
 @pytest.mark.slow
+def test_runs_that_differ_in_changes_of_sounds_share_what_pictures_alone_teach(
+    store: shards.ShardStore, fabric: Any, tmp_path: Path
+) -> None:
+    usual = settings(steps=3, picture_steps=2)
+    shared = run(store, tmp_path / "shared", fabric, usual, replace(RARELY, stop_at=2))
+    assert (shared.step, shared.finished) == (2, False)
+    with pytest.raises(UsageError, match=r"a run with without \[\], asked for \['blur'\]"):
+        run(store, tmp_path / "shared", fabric, replace(usual, without=("blur",)))
+    other = replace(usual, without=("disguise", "eq"))
+    forked = run(store, tmp_path / "shared", fabric, other)
+    whole = run(store, tmp_path / "whole", fabric, other)
+    assert forked.finished
+    for one, another in zip(weights_of(whole), weights_of(forked), strict=True):
+        assert torch.equal(one, another)
+    with pytest.raises(UsageError, match=r"a run with without"):
+        run(store, tmp_path / "shared", fabric, usual)
+
+
+@pytest.mark.slow
 def test_another_run_is_not_gone_on_with(store: shards.ShardStore, fabric: Any, tmp_path: Path) -> None:
     run(store, tmp_path, fabric, settings(steps=1))
     with pytest.raises(UsageError, match=r"a run with seed 0, asked for 1; use the same, or another folder"):
