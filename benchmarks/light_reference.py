@@ -11,6 +11,9 @@ percentile, the ratio of the means, and the noise of the reference that is left,
 paths. Figures are added to docs/results/light-reference.json under ``--name``. Sheets have our picture, with
 ``--before`` that of an earlier run from the same poses in front of it, the reference, and a map of the difference.
 
+The reference counts all its paths: so does baked light, sunlight by way of a mirror included. `--cut` leaves very
+bright paths out (`without_fireflies`); patches of mirrored sunlight consist of such paths.
+
 ``--matte`` makes all materials matte: what is left is matter of the light's transport between matte surfaces alone.
 """
 
@@ -157,8 +160,9 @@ def pooled(view: Comparison, radius: int = POOL) -> Comparison:
 def without_fireflies(parts: F32) -> F32:
     """Halves (2, H, W, 3) of a reference, from pictures (N, H, W, 3) with independent paths, N even.
 
-    Where one of them is brighter than `MOST_OVER` times the median of all, it is darkened to that: a few very bright
-    paths (the sun by way of two mirrors) would hide what is compared. Path-traced pictures leave such light out, too.
+    Where one of them is brighter than `MOST_OVER` times the median of all, it is darkened to that: where paths are
+    few, some very bright ones (the sun by way of two mirrors) hide what is compared. Their light, which baked light
+    has, is missing then.
     """
     bright = luminance(parts)
     share = np.minimum(1.0, MOST_OVER * np.median(bright, axis=0) / np.maximum(bright, 1e-9))
@@ -270,7 +274,7 @@ def compare(
     *,
     size: int,
     samples: int,
-    all_paths: bool = False,
+    cut: bool = False,
 ) -> list[Comparison]:
     """Render a lit scene with both renderers.
 
@@ -281,7 +285,7 @@ def compare(
         poses: of the camera.
         size: of the pictures (pixels); the field of view is 90°.
         samples: paths per pixel of each of `PARTS` pictures that the reference is the mean of.
-        all_paths: leave no path out of the reference (see `without_fireflies`).
+        cut: leave very bright paths out of the reference (see `without_fireflies`).
     """
     from generators.vision.mitsuba_scene import MitsubaScene
 
@@ -292,7 +296,7 @@ def compare(
         ours, label, kind, plane = our_picture(scene, pose, camera)
         seeds = range(PARTS * number, PARTS * (number + 1))
         parts = np.stack([reference.render(pose, camera, samples, seed=seed) for seed in seeds])
-        halves = parts.reshape(2, PARTS // 2, *parts.shape[1:]).mean(axis=1) if all_paths else without_fireflies(parts)
+        halves = without_fireflies(parts) if cut else parts.reshape(2, PARTS // 2, *parts.shape[1:]).mean(axis=1)
         views.append(Comparison(ours, halves, label, kind, plane))
     return views
 
@@ -450,7 +454,7 @@ def load_earlier(path: Path) -> Earlier:
 @click.option("--size", type=click.IntRange(16), default=128, show_default=True, help="Side of the pictures (pixels).")
 @click.option("--spp", type=click.IntRange(2), default=384, show_default=True, help="Paths per pixel.")
 @click.option("--matte", is_flag=True, help="Make all materials matte.")
-@click.option("--all-paths", is_flag=True, help="Count very bright paths in the reference, too.")
+@click.option("--cut", is_flag=True, help="Leave very bright paths out of the reference.")
 @click.option("--variant", help="Variant of Mitsuba; the first of llvm_ad_rgb and scalar_rgb that works if missing.")
 @click.option("--cache", type=click.Path(path_type=Path), help="Folder of baked homes.")
 def main(
@@ -463,7 +467,7 @@ def main(
     size: int,
     spp: int,
     matte: bool,
-    all_paths: bool,
+    cut: bool,
     variant: str | None,
     cache: Path | None,
 ) -> None:
@@ -482,7 +486,7 @@ def main(
             earlier = None if before is None else load_earlier(before / f"{file}.npz")
             scene, room, poses = prepared_room(key, cache or default_cache(), matte=matte)
             chosen = wide_views(scene, poses, views) if earlier is None else earlier.poses
-            found = compare(mi, scene, room, chosen, size=size, samples=max(1, spp // PARTS), all_paths=all_paths)
+            found = compare(mi, scene, room, chosen, size=size, samples=max(1, spp // PARTS), cut=cut)
             save(output / f"{file}.npz", found, chosen, scene.gains)
             rooms[key] = [pooled(view) for view in found]
             picture = sheet(found, scene.gains, () if earlier is None else tuple(earlier.pictures))
@@ -496,7 +500,7 @@ def main(
     whole = overall(list(rooms.values()))
     figures = {
         "mitsuba": mi.__version__, "variant": mi.variant(), "size": size, "spp": spp, "matte": matte,
-        "all_paths": all_paths, "median": whole,
+        "all_paths": not cut, "median": whole,
         "rooms": {key: {kind: asdict(one) for kind, one in own.items() if one.pixels} for key, own in results.items()},
     }  # fmt: skip
     known = read_json(record) if record.exists() else {}

@@ -96,6 +96,25 @@ class EmbreeSession:
         Raises:
             Avs3dError: if the session has been closed.
         """
+        return self._render(pose, None)
+
+    def labels(self, pose: Pose, coloured: np.ndarray) -> RenderedView:
+        """Depth and ids as `render` gives them, and the colours of some faces alone: most of the time goes to colours.
+
+        Args:
+            pose: of the camera.
+            coloured: (faces + 1,) bool, whose colours are wanted, all of a material or none; the last one: no face.
+
+        Returns:
+            The view. ``rgb`` has the bytes of `render` where a pixel and its eight neighbours show coloured faces, and
+            no meaning elsewhere.
+
+        Raises:
+            Avs3dError: if the session has been closed.
+        """
+        return self._render(pose, coloured)
+
+    def _render(self, pose: Pose, coloured: np.ndarray | None) -> RenderedView:
         if self._tracer is None:
             raise Avs3dError("the renderer's session is closed; open the scene again")
         width, height = self._intrinsics.width, self._intrinsics.height
@@ -103,8 +122,9 @@ class EmbreeSession:
         rgb = np.empty((height * width, 3), dtype=np.uint8)
         depth = np.empty(height * width, dtype=np.float32)
         ids = np.empty(height * width, dtype=np.uint16)
-        self._shoot_centres(self._tracer, view, rgb, depth, ids)
-        self._refine_edges(self._tracer, view, rgb, depth)
+        self._shoot_centres(self._tracer, view, (rgb, depth, ids), coloured)
+        if coloured is None or coloured[self._face].any():
+            self._refine_edges(self._tracer, view, rgb, depth, coloured)
         return RenderedView(
             rgb=rgb.reshape(height, width, 3),
             depth=depth.reshape(height, width),
@@ -153,10 +173,12 @@ class EmbreeSession:
             self._tracer = self._reflections = None
             del self._tables, self._thin
 
-    def _trace_centres(self, tracer: Tracer, view: PinholeView) -> Iterator[tuple[slice, dict[str, np.ndarray]]]:
+    def _trace_centres(
+        self, tracer: Tracer, view: PinholeView, coloured: np.ndarray | None = None
+    ) -> Iterator[tuple[slice, dict[str, np.ndarray]]]:
         """One ray through the centre of each pixel, some rows at a time.
 
-        Fills ``self._face``, and ``self._radiance`` without the lobes of what reflects.
+        Fills ``self._face``, and ``self._radiance`` without the lobes of what reflects (0 of what is not ``coloured``).
 
         Yields:
             The pixels and what their rays meet.
@@ -171,10 +193,18 @@ class EmbreeSession:
             directions, light = self._directions[:count], self._radiance[block]
             kernels.centre_directions(view, first, rows, directions)
             hit = tracer.intersect(repeated(view.origin, count), directions)
-            self._face[block] = hit["primID"]
-            self._shade(hit, directions, view, 1.0, light)
+            face = self._face[block] = hit["primID"]
+            if coloured is None:
+                lit = hit
+            elif (wanted := coloured[face]).any():
+                lit = hit | {"primID": np.where(wanted, face, np.int32(-1))}
+            else:
+                light.fill(0.0)
+                yield block, hit
+                continue
+            self._shade(lit, directions, view, 1.0, light)
             if self._reflections is not None:
-                self._reflections.trace(hit, directions, view, block, light)
+                self._reflections.trace(lit, directions, view, block, light)
             yield block, hit
 
     def _add_reflections(self) -> None:
@@ -182,12 +212,16 @@ class EmbreeSession:
             self._reflections.add(self._face, self._radiance)
 
     def _shoot_centres(
-        self, tracer: Tracer, view: PinholeView, rgb: np.ndarray, depth: np.ndarray, ids: np.ndarray
+        self,
+        tracer: Tracer,
+        view: PinholeView,
+        frame: tuple[np.ndarray, np.ndarray, np.ndarray],
+        coloured: np.ndarray | None,
     ) -> None:
-        """One ray through the centre of each pixel; fills the whole frame and ``self._face``."""
-        kernels, tables = self._kernels, self._tables
+        """One ray through the centre of each pixel; fills a frame's colours, depths and ids, and ``self._face``."""
+        kernels, tables, (rgb, depth, ids) = self._kernels, self._tables, frame
         hits = []
-        for block, hit in self._trace_centres(tracer, view):
+        for block, hit in self._trace_centres(tracer, view, coloured):
             kernels.write_geometry(hit["primID"], hit["tfar"], tables, depth[block], ids[block])
             if self._keeps:
                 hits.append((block, hit))
@@ -200,14 +234,18 @@ class EmbreeSession:
             kernels.centre_directions(view, block.start // view.width, len(light) // view.width, directions)
             self._keep(hit, directions, view, 1.0, light, block)
 
-    def _refine_edges(self, tracer: Tracer, view: PinholeView, rgb: np.ndarray, depth: np.ndarray) -> None:
-        """Shoot the pixels at edges again and average."""
+    def _refine_edges(
+        self, tracer: Tracer, view: PinholeView, rgb: np.ndarray, depth: np.ndarray, coloured: np.ndarray | None
+    ) -> None:
+        """Shoot the pixels at edges again and average, of those that show what is ``coloured``."""
         kernels, tables = self._kernels, self._tables
         marks = np.zeros(len(rgb), dtype=np.uint8)
         kernels.mark_edges(self._face, depth, rgb, view, tables.surface, tables.normal, marks, 0, len(marks))
         kernels.mark_thin(self._thin, depth, view, marks, *np.empty((3, 3)))
         if self._reflections is not None:
             self._reflections.mark(rgb, view.width, marks)
+        if coloured is not None:
+            marks &= coloured[self._face]
         pixels = np.flatnonzero(marks).astype(np.int32)
         samples = len(SUB_PIXELS)
         step = CHUNK // samples

@@ -14,7 +14,11 @@ reflect the room. What windows and the pictures of a scan show is taken from `ge
 
 from __future__ import annotations
 
+import copy
+import os
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from functools import cache
 from math import ceil
 from typing import Any
@@ -104,22 +108,21 @@ def _denoiser_version() -> str | None:
 
 
 class PathtracedSession:
-    """An open scene, for one thread at a time."""
+    """An open scene, for one thread at a time.
+
+    `share` serves other threads: the device follows the paths of one frame after another, and each thread finishes its
+    frame (labels, denoising, tone curve) while the device is at work on the next.
+    """
 
     def __init__(self, mi: Any, scene: Scene, intrinsics: Intrinsics) -> None:
         check_camera(intrinsics)
-        self._mi, self._intrinsics = mi, intrinsics
+        self._intrinsics = intrinsics
         self._scene: Scene | None = scene.shown
         self._labels = EmbreeBackend().open(self._scene, intrinsics)
         # The last one of each stands for no face.
         self._is_picture = _of_faces(scene, lambda part, material: scene.is_scan(part) or material.shown is not None)
         self._shines = self._is_picture | _of_faces(scene, lambda part, material: max(material.emission) > 0)
-        kind = mi.variant().split("_")[0]
-        self._ahead, most = _AHEAD[kind], max(1, _PATHS[kind] // (SAMPLES * intrinsics.width))
-        #: Rows of a block; all have as many, so that one recorded program serves them all.
-        self._rows = ceil(intrinsics.height / ceil(intrinsics.height / most))
-        self._room: str | None = None
-        self._programs: list[tuple[Any, Callable[..., list[Any]]]] = []
+        self._paths = _Paths(mi, self._scene, intrinsics)
 
     def render(self, pose: Pose) -> RenderedView:
         """Render the scene from ``pose``; the same pose gives the same bytes on one kind of device.
@@ -127,31 +130,90 @@ class PathtracedSession:
         Raises:
             Avs3dError: if the session has been closed.
         """
+        traced = self.begin(pose)
+        labels = self.labels(pose)  # while the device follows the paths
+        return replace(labels, rgb=self.finish(traced.result(), labels))
+
+    def begin(self, pose: Pose) -> Future[F32]:
+        """Have the device follow the paths of a frame after those that have begun before.
+
+        Returns:
+            The sums over the paths of each pixel: (3, H, W, 3) exposed radiance, albedo and normal.
+
+        Raises:
+            Avs3dError: if the session has been closed.
+        """
         if self._scene is None:
             raise Avs3dError("the renderer's session is closed; open the scene again")
-        traced = self._trace(self._scene, pose)
-        labels = self._labels.render(pose)  # while the device follows the paths
-        radiance, albedo, normal = self._fetched(traced)
+        return _device_thread().submit(self._paths.trace, pose)
+
+    def labels(self, pose: Pose) -> RenderedView:
+        """Depth and ids, and the colours of what is a picture already: photographs and what windows show."""
+        return self._labels.labels(pose, self._is_picture)
+
+    def finish(self, sums: F32, labels: RenderedView) -> NDArray[np.uint8]:
+        """The picture (H, W, 3) of what `begin` gives; ``labels`` are the last that `labels` gave, of the same pose."""
+        assert self._scene is not None
         face = self._labels.faces
+        radiance, albedo, normal = sums / np.float32(SAMPLES)
         if _denoiser_version() is not None:
             shines = self._shines[face]
             albedo = np.where(shines[..., None], np.minimum(radiance, 1.0), albedo)
             radiance = np.where(_inside(shines), radiance, _denoised(radiance, albedo, normal))
         # Photographs, with the shadows that objects cast on them, and what windows show come from the other renderer.
-        shown = develop(radiance + self._scene.black)
-        rgb = np.where(_inside(self._is_picture[face]), labels.rgb, shown)
-        return RenderedView(rgb=rgb, depth=labels.depth, instance_ids=labels.instance_ids)
+        return np.where(_inside(self._is_picture[face]), labels.rgb, develop(radiance + self._scene.black))
 
-    def share(self) -> None:
-        """None: Mitsuba uses all of a device for one picture."""
-        return
+    def share(self) -> PathtracedSession:
+        """The same scene and device with working memory of its own."""
+        other = copy.copy(self)
+        other._labels = self._labels.share()
+        return other
 
     def close(self) -> None:
         """Free the resources of the session; closing twice is allowed."""
         self._labels.close()
-        self._scene, self._programs = None, []
+        _device_thread().submit(self._paths.clear).result()
+        self._scene = None
 
-    def _programs_for(self, scene: Scene, room: str) -> list[tuple[Any, Callable[..., list[Any]]]]:
+
+@cache
+def _device_thread() -> ThreadPoolExecutor:
+    """The one thread that speaks with Dr.Jit, whose recorded programs and streams are not for several at a time."""
+    return ThreadPoolExecutor(1, "paths")
+
+
+# A fork has no threads.
+os.register_at_fork(after_in_child=_device_thread.cache_clear)
+
+
+class _Paths:
+    """The paths through a scene's pictures; its methods are for `_device_thread` alone."""
+
+    def __init__(self, mi: Any, scene: Scene, intrinsics: Intrinsics) -> None:
+        self._mi, self._scene, self._intrinsics = mi, scene, intrinsics
+        kind = mi.variant().split("_")[0]
+        self._ahead, most = _AHEAD[kind], max(1, _PATHS[kind] // (SAMPLES * intrinsics.width))
+        #: Rows of a block; all have as many, so that one recorded program serves them all.
+        self._rows = ceil(intrinsics.height / ceil(intrinsics.height / most))
+        self._room: str | None = None
+        self._programs: list[tuple[Any, Callable[..., list[Any]]]] = []
+
+    def clear(self) -> None:
+        """Free what lies on the device."""
+        self._programs, self._room = [], None
+
+    def trace(self, pose: Pose) -> F32:
+        """Exposed radiance, albedo and normal (3, H, W, 3), summed over the paths of each pixel."""
+        blocks = self._begun(pose)
+        height, width = self._intrinsics.height, self._intrinsics.width
+        sums = np.empty((3, len(blocks) * self._rows * width, 3), dtype=np.float32)
+        for number, block in enumerate(blocks):
+            place = slice(number * self._rows * width, (number + 1) * self._rows * width)
+            for kind, values in enumerate(block):
+                sums[kind, place] = np.array(values).reshape(-1, 3)
+        return sums[:, : height * width].reshape(3, height, width, 3)
+
+    def _programs_for(self, room: str) -> list[tuple[Any, Callable[..., list[Any]]]]:
         """Each of Mitsuba's scenes, and the program that follows its paths, with lamps tried as suits ``room``.
 
         What Python says about hundreds of materials and lamps takes seconds; Dr.Jit records it with the first block,
@@ -161,7 +223,7 @@ class PathtracedSession:
 
         if room != self._room:
             self._programs = []  # first, for the memory
-            scenes = MitsubaScene(self._mi, scene, scene.room(room) if room else None).scenes
+            scenes = MitsubaScene(self._mi, self._scene, self._scene.room(room) if room else None).scenes
             width, rows = self._intrinsics.width, self._rows
             self._programs = [
                 (one, dr.freeze(_program(self._mi, width, rows, guides=number == 0)))
@@ -170,40 +232,31 @@ class PathtracedSession:
             self._room = room
         return self._programs
 
-    def _trace(self, scene: Scene, pose: Pose) -> list[list[list[Any]]]:
-        """What `_program` gives for each block and scene; the device may still be at work on it."""
+    def _begun(self, pose: Pose) -> list[list[Any]]:
+        """Of each block radiance, albedo and normal, summed, in the order of the pixels; the device may be at work."""
         import drjit as dr
 
-        mi, view, programs = self._mi, view_of(self._intrinsics, pose), self._programs_for(scene, room_at(scene, pose))
-        given = (view.origin, view.corner, view.right, view.down, scene.gains)
+        mi, view, programs = self._mi, view_of(self._intrinsics, pose), self._programs_for(room_at(self._scene, pose))
+        given = (view.origin, view.corner, view.right, view.down, self._scene.gains)
         vectors = [mi.Vector3f(*(float(each) for each in one)) for one in given]
         # Opaque: else each pose would be compiled into a kernel of its own.
         dr.make_opaque(vectors)
         # Each pose has random numbers of its own: with the same ones, noise would stand still before a moving camera.
         seed = pose_number(pose)
-        done: list[list[list[Any]]] = []
+        done: list[list[Any]] = []
         for first in range(0, view.height, self._rows):
             if done and len(done) % self._ahead == 0:
                 dr.sync_thread()
             start = dr.opaque(mi.UInt32, first * view.width)
             seeds = [dr.opaque(mi.UInt32, (seed + 2 * first + number) & 0xFFFFFFFF) for number in range(len(programs))]
             # One scene at a time, since OptiX cannot trace two in one kernel.
-            done.append([run(one, start, own, vectors) for (one, run), own in zip(programs, seeds, strict=True)])
+            lamps, *suns = [run(one, start, own, vectors) for (one, run), own in zip(programs, seeds, strict=True)]
+            for sun in suns:
+                lamps[:3] = [light + more for light, more in zip(lamps[:3], sun, strict=True)]
+            block = [dr.ravel(mi.Vector3f(*lamps[kind : kind + 3])) for kind in (0, 3, 6)]
+            dr.eval(block)
+            done.append(block)
         return done
-
-    def _fetched(self, traced: list[list[list[Any]]]) -> tuple[F32, F32, F32]:
-        """Exposed radiance, albedo and normal (H, W, 3) of each pixel, the mean over its square."""
-        height, width = self._intrinsics.height, self._intrinsics.width
-        blocks = []
-        for scenes in traced:
-            lamps, *others = (np.stack([np.array(sums) for sums in one]) for one in scenes)
-            for sun in others:
-                lamps[:3] += sun
-            blocks.append(lamps)
-        sums = np.concatenate(blocks, axis=1)[:, : height * width]
-        means = np.asarray(sums.reshape(3, 3, height, width) / SAMPLES, dtype=np.float32)
-        radiance, albedo, normal = np.ascontiguousarray(means.transpose(0, 2, 3, 1))
-        return radiance, albedo, normal
 
 
 def _program(mi: Any, width: int, rows: int, *, guides: bool) -> Callable[..., list[Any]]:
