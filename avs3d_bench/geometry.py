@@ -24,7 +24,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from avs3d_bench.errors import Avs3dError
 
@@ -65,6 +64,8 @@ class Pose:
     @classmethod
     def from_yaw(cls, position: ArrayLike, yaw: float, pitch: float = 0.0) -> Pose:
         """Pose at ``position`` turned left by ``yaw`` and tilted up by ``pitch`` (radians)."""
+        from scipy.spatial.transform import Rotation  # see `_matrix_of`
+
         x, y, z, w = Rotation.from_euler("YX", [yaw, pitch]).as_quat()
         px, py, pz = (float(c) for c in np.asarray(position, dtype=np.float64))
         return cls((px, py, pz), (float(w), float(x), float(y), float(z)))
@@ -72,8 +73,7 @@ class Pose:
     @property
     def rotation_matrix(self) -> Array:
         """(3, 3) camera-to-world rotation; the columns are the camera's right, up and backward axes."""
-        w, x, y, z = self.rotation
-        return np.asarray(Rotation.from_quat([x, y, z, w]).as_matrix(), dtype=np.float64)
+        return _matrix_of(self.rotation)
 
     @property
     def matrix(self) -> Array:
@@ -278,7 +278,7 @@ def to_colmap(pose: Pose) -> tuple[Array, Array]:
     """
     w, x, y, z = pose.rotation
     qvec = canonical([w, -x, y, z])
-    rotation = Rotation.from_quat(qvec[[1, 2, 3, 0]]).as_matrix()
+    rotation = _matrix_of(qvec)
     return qvec, times_matrix(flip_world(pose.position), -rotation.T) + 0.0
 
 
@@ -299,10 +299,18 @@ def from_colmap(qvec: ArrayLike, tvec: ArrayLike) -> Pose:
     if not sound or np.abs(q).max() > 2 or abs(float(np.linalg.norm(q)) - 1.0) > 0.01:
         raise Avs3dError(f"COLMAP pose {q.tolist()} {t.tolist()}: expected a unit quaternion (w, x, y, z) and (3,)")
     w, x, y, z = (float(c) for c in canonical(q))
-    rotation = Rotation.from_quat([x, y, z, w]).as_matrix()
+    rotation = _matrix_of((w, x, y, z))
     px, py, pz = (float(c) for c in flip_world(times_matrix(t, -rotation)))
     rw, rx, ry, rz = (float(c) for c in canonical([w, -x, y, z]))
     return Pose((px, py, pz), (rw, rx, ry, rz))
+
+
+def _matrix_of(quaternion: ArrayLike) -> Array:
+    """(3, 3) rotation of a unit quaternion (w, x, y, z)."""
+    # Half of what every program loads with this module would be for it, and few need it.
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_quat(np.roll(quaternion, -1)).as_matrix(), dtype=np.float64)
 
 
 def rotation_angle(first: Pose, second: Pose) -> float:

@@ -18,10 +18,8 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 from PIL import Image
-from trimesh.visual.color import to_rgba
 
 from avs3d_bench.contract.taxonomy import check_category
 from avs3d_bench.errors import Avs3dError
@@ -168,6 +166,8 @@ def open_scene(file: Path, *, textures: bool = True) -> Any:
     Raises:
         Avs3dError: see `load_mesh`.
     """
+    import trimesh
+
     check_file(file)
     with _large_images():
         try:
@@ -317,6 +317,8 @@ def _instances(file: Path, scene: Any) -> Iterator[tuple[str, Any, Array]]:
     Raises:
         Avs3dError: if a face refers to a vertex that does not exist.
     """
+    import trimesh
+
     nodes = [scene.graph[node] for node in scene.graph.nodes_geometry]
     for matrix, name in sorted(nodes, key=lambda node: (str(node[1]), np.asarray(node[0], dtype=np.float64).tolist())):
         part = scene.geometry[name]
@@ -417,6 +419,8 @@ def _surface(
         return known.materials.setdefault(id(visual), fresh), uv
     painted = getattr(visual, "vertex_attributes", {}).get("color")
     if painted is not None and getattr(source, "baseColorTexture", None) is None:
+        from trimesh.visual.color import to_rgba
+
         colours = np.asarray(to_rgba(painted), dtype=np.float64)[faces, :3]
         if len(faces) > _SHADED_MOST:
             colours[:] = colours.mean(axis=1, keepdims=True)

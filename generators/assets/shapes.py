@@ -10,9 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Literal, Self
 
 import numpy as np
-import trimesh
 from numpy.typing import ArrayLike, NDArray
-from shapely.geometry import Polygon
 
 from generators.assets.forms import cap_faces, outward, skin_faces, slab_loops
 from generators.core.arrays import cross, distinct_rows
@@ -422,6 +420,9 @@ class MeshBuilder:
         acoustic: bool | str = True,
     ) -> Self:
         """Extrude a polygon (N, 2: x, y) by ``depth`` along +Z from z = 0; ``holes`` are polygons cut out of it."""
+        import trimesh
+        from shapely.geometry import Polygon
+
         solid = trimesh.creation.extrude_polygon(Polygon(np.asarray(outline), [np.asarray(h) for h in holes]), depth)
         return self.add(
             solid.vertices, solid.faces, material, centre=centre, rotate=rotate, crease=30.0, acoustic=acoustic

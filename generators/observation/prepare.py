@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -125,22 +126,33 @@ def prepare_sources(
         rules=rules_of(plan.spec.part),
         arrangement=arrangement,
         sources=choose_sources(plan, home, arrangement),
-        stage=PlacedScene(home, arrangement.placements, arrangement.motions),
+        stage=staged(home, arrangement),
         intrinsics=Intrinsics.from_fov(plan.camera.size, plan.camera.hfov),
         renderer=renderer,
         engine=engine,
     )
 
 
-#: The last home with its arrangement, by the digest of the pictures: siblings and variants often follow one another in
-#: a process.
+#: How many arrangements a process keeps: siblings and variants often follow one another.
+KEPT = 1
+#: The last homes with their arrangements, by the digest of the pictures.
 _arrangement_cache: dict[str, tuple[Scene, Arrangement]] = {}
+#: The lit homes of these arrangements: an observation that is too loud at first is made again, and so are siblings.
+_stages: WeakKeyDictionary[Arrangement, PlacedScene] = WeakKeyDictionary()
 
 
 def arranged(plan: ObservationPlan, cache: Path, renderer: VisionBackend) -> tuple[Scene, Arrangement]:
     """The lit home of a plan, and what is visible in it."""
     if plan.pictures_digest not in _arrangement_cache:
-        _arrangement_cache.clear()
+        while len(_arrangement_cache) >= KEPT:
+            del _arrangement_cache[next(iter(_arrangement_cache))]
         home = open_home(plan, cache).for_room(plan.spec.room)
         _arrangement_cache[plan.pictures_digest] = home, arrange(plan, home, renderer.navigable(home))
     return _arrangement_cache[plan.pictures_digest]
+
+
+def staged(home: Scene, arrangement: Arrangement) -> PlacedScene:
+    """The objects of an arrangement in its home, which are lit once as long as the arrangement is in use."""
+    if arrangement not in _stages:
+        _stages[arrangement] = PlacedScene(home, arrangement.placements, arrangement.motions)
+    return _stages[arrangement]

@@ -17,9 +17,8 @@ from avs3d_bench.errors import UsageError
 from avs3d_bench.exports.seld.panorama import U8, FaceRequest, Faces, face_poses
 from generators.backends import vision_backend
 from generators.core.folders import default_cache
-from generators.observation.prepare import arranged
+from generators.observation.prepare import arranged, staged
 from generators.observation.regenerate import stored_manifest, stored_plan
-from generators.scenes.placed import PlacedScene
 from generators.scenes.renderer import Renderer
 
 
@@ -41,7 +40,7 @@ def render_faces(request: FaceRequest) -> Faces:
         plan = stored_plan(source, dataset[request.key], record, request.hrtf)
     backend = vision_backend(plan.options.renderer, plan.options.device)
     home, arrangement = arranged(plan, default_cache(), backend)
-    stage = PlacedScene(home, arrangement.placements, arrangement.motions)
+    stage = staged(home, arrangement)
     renderer = Renderer(stage, backend, room=plan.spec.room)
 
     @lru_cache(maxsize=4)

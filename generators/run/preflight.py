@@ -11,11 +11,7 @@ from generators.assets.meshcheck import check_file
 from generators.library.store import check_asset
 from generators.manifest.reading import ManifestFile
 from generators.manifest.schema import AssetSpec, ObjectSpec, SoundSpec
-from generators.observation.arrangement import load_object
-from generators.observation.hearing import PRE_ROLL
-from generators.observation.sources import sound_file
 from generators.plan import ObservationPlan
-from generators.vision.splats.cloud import MOST_GAUSSIANS
 
 #: (field of the manifest, what is wrong with it)
 _Fault = tuple[tuple[str | int, ...], Avs3dError]
@@ -50,6 +46,8 @@ def _scans(plans: Sequence[ObservationPlan]) -> Iterator[_Fault]:
             continue
         yield from _faults(("scans", name), check_file, found.mesh)
         if found.splats is not None:
+            from generators.vision.splats.cloud import MOST_GAUSSIANS
+
             yield from _faults(("scans", name, "splats"), check_gaussians, found.splats, MOST_GAUSSIANS)
 
 
@@ -76,8 +74,13 @@ def _read(plan: ObservationPlan, category: str, item: AssetSpec) -> None:
     if item.asset is not None:
         check_asset(plan.lock, item.asset)
     elif isinstance(item, ObjectSpec):
+        from generators.observation.arrangement import load_object
+
         load_object(plan, category, item)
     elif isinstance(item, SoundSpec):
+        from generators.observation.hearing import PRE_ROLL
+        from generators.observation.sources import sound_file
+
         sound_file(plan, category, item).signal(plan.camera.frames + PRE_ROLL)
 
 

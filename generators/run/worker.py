@@ -11,15 +11,12 @@ from functools import lru_cache, partial
 from pathlib import Path
 
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.inspector.listing import describe_sound
 from avs3d_bench.runtime.imports import missing_extra
 from avs3d_bench.scheduling.errors import UnfitError
 from avs3d_bench.scheduling.lock import holder_of
 from avs3d_bench.scheduling.software import check_software
 from avs3d_bench.scheduling.tasks import Context
 from generators.backends import backend_versions, warm_up
-from generators.homes.store import prepare_home
-from generators.observation.generate import generate_observation
 from generators.options import EngineOptions
 from generators.plan import ObservationPlan
 from generators.run.formats import FOLDERS, DatasetFormat, find_finished
@@ -52,6 +49,8 @@ class RunTarget:
 def prepare(context: Context, plan: ObservationPlan, place: RunTarget, threads: int) -> None:
     """Build and light the plan's home into the cache, unless it lies there; compile what is slow the first time."""
     with _fit(plan, place):
+        from generators.homes.store import prepare_home
+
         context.report("home", plan.spec.scan)
         prepare_home(plan, place.cache, workers=threads)
         _warm_up(plan.options)
@@ -69,6 +68,9 @@ def make_observation(context: Context, plan: ObservationPlan, place: RunTarget) 
         a line about it.
     """
     with _fit(plan, place):
+        from avs3d_bench.inspector.listing import describe_sound
+        from generators.observation.generate import generate_observation
+
         _warm_up(plan.options)
         started = time.perf_counter()
         context.report("start", str(plan.camera.frames))

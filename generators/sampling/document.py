@@ -10,6 +10,8 @@ from avs3d_bench.commands.outputs import Signature
 
 #: What the manifests of `avs3d manifest sample` and `avs3d sweep` say about themselves in their first line.
 SAMPLED, SWEPT = Signature(start=b"# avs3d manifest sample "), Signature(start=b"# avs3d sweep ")
+#: The same of `avs3d scan`.
+SCANNED = Signature(start=b"# avs3d scan ")
 
 
 def manifest_text(document: dict[str, Any], command: str) -> str:

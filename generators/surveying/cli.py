@@ -16,8 +16,8 @@ from avs3d_bench.commands.outputs import OutputFile, check_replaceable
 from avs3d_bench.contract.taxonomy import check_room
 from avs3d_bench.errors import UsageError
 from avs3d_bench.runtime.one_thread import ONE_THREAD
+from generators.sampling.document import SCANNED
 from generators.sampling.name_option import name_option
-from generators.surveying.document import SCANNED
 
 if TYPE_CHECKING:
     from generators.surveying.run import ScanRequest

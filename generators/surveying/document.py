@@ -7,15 +7,12 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from avs3d_bench.commands.outputs import Signature
 from generators.assets.sounds import voices
 from generators.plan import scans_root
 from generators.sampling.document import one_line
 from generators.surveying.fitting import FittingObservations
 from generators.surveying.survey import Survey
 
-#: What a manifest of `avs3d scan` says about itself in its first line.
-SCANNED = Signature(start=b"# avs3d scan ")
 #: Side of the pictures (pixels) and frames of an observation: a first look takes a minute.
 SIZE, FRAMES = 504, 24
 #: Range of the level of each source (dB), as in the manifests of this project.

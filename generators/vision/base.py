@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.geometry import Intrinsics, Pose
-from generators.core.freespace import Navigable
 from generators.core.scene import Scene
+
+if TYPE_CHECKING:
+    from generators.core.freespace import Navigable
 
 
 @dataclass(frozen=True, eq=False)

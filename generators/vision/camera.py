@@ -11,16 +11,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.geometry import Intrinsics, Pose
-from generators.core.freespace import Navigable
 from generators.core.scene import Scene
 from generators.core.tone import SRGB_ENTRIES, decode_table, srgb_encode
 from generators.vision.base import RenderedView, VisionBackend, VisionSession
 from generators.vision.views import pose_number
+
+if TYPE_CHECKING:
+    from generators.core.freespace import Navigable
 
 #: Camera → parameter → least and greatest value that is drawn.
 RANGES: dict[str, dict[str, tuple[float, float]]] = {

@@ -16,16 +16,15 @@ import numpy as np
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
-from generators.core.freespace import Navigable
 from generators.core.rays import CHUNK, Tracer, repeated
 from generators.core.scene import Scene
 from generators.core.tone import WHITE, srgb_table, tone_table
 from generators.vision.base import RenderedView
 from generators.vision.sampling import SUB_PIXELS, thin_faces
-from generators.vision.tables import MATTE, build_tables
 from generators.vision.views import check_camera, trial_scene, view_of
 
 if TYPE_CHECKING:
+    from generators.core.freespace import Navigable
     from generators.vision.kernels import PinholeView
 
 
@@ -69,6 +68,7 @@ class EmbreeSession:
         check_camera(intrinsics)
         from generators.vision import kernels
         from generators.vision.reflections import Reflections
+        from generators.vision.tables import MATTE, build_tables
 
         self._kernels = kernels
         self._intrinsics = intrinsics

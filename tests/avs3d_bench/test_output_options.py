@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import click
 import pytest
@@ -205,7 +206,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         assert end.value.code == 0
     (place / "sub.json").rename(place / "scores.json")
     saved(place, swept=rows_of_part_2(lambda n, scale: 0.05 * n / scale))
-    write_manifest(place).rename(place / "manifest.yaml")
+    write_manifest(place, camera={"size": 32, "frames": 2}).rename(place / "manifest.yaml")
     write_webdataset(data, place / "shards", workers=1)
     write_release(data, place / "archives", workers=1)
     sealed_trees.write_seal(place / "seal")
@@ -216,12 +217,13 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def place(inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of the inputs. Of networks without weights here, only the check of the output is reached.
+def place(inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Path:
+    """A copy of the inputs, or of those that the case names. Of networks without weights here, only the check of the
+    output is reached.
 
     What else the doctor looks at, in processes of their own, is another test's matter.
     """
-    shutil.copytree(inputs, tmp_path / "in")
+    copy_inputs(inputs, tmp_path / "in", getattr(request.node, "callspec", None))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("avs3d_bench.runtime.doctor.all_checks", core_checks)
     network = SimpleNamespace(masks_of=None, masks=None, method="network", notes="")
@@ -229,6 +231,18 @@ def place(inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path
     monkeypatch.setattr("baselines.denseav.load_denseav", lambda *_, **__: network)
     monkeypatch.setattr("baselines.foundation.run.load_foundation", lambda *_, **__: network)
     return tmp_path / "in"
+
+
+def copy_inputs(inputs: Path, place: Path, callspec: Any) -> None:
+    case = callspec.params.get("case") if callspec else None
+    if case is None:
+        shutil.copytree(inputs, place)
+        return
+    place.mkdir()
+    words = {word.partition("/")[0] for word in case.words.split()}
+    for path in inputs.iterdir():
+        if path.name in words or (path.name == "room.glb" and "manifest.yaml" in words):
+            (shutil.copytree if path.is_dir() else shutil.copy2)(path, place / path.name)
 
 
 def words_of(case: Case, place: Path, out: Path) -> list[str]:

@@ -207,7 +207,8 @@ def test_one_worker_lends_nothing() -> None:
 def test_an_observation_asks_how_many_cores_it_has(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     handed: list[int] = []
     monkeypatch.setattr(
-        work, "generate_observation", lambda *_, cores, pictures, output: handed.append(cores()) or _Nothing()
+        "generators.observation.generate.generate_observation",
+        lambda *_, cores, pictures, output: handed.append(cores()) or _Nothing(),
     )
     monkeypatch.setattr(work, "_warm_up", lambda *_: None)
     plan = make_plans(read_manifest(write_manifest(tmp_path)), GenerateOptions(only=["part_2/*"], audio="analytic"))[0]

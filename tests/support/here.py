@@ -14,6 +14,7 @@ from threadpoolctl import threadpool_limits
 from avs3d_bench.scheduling import child, local
 from avs3d_bench.scheduling.ledger import Ledger
 from avs3d_bench.scheduling.tasks import Attempt, Event, Failure, Listener, Policy, Success, Task
+from generators.observation import prepare
 from generators.run import runner
 
 
@@ -77,4 +78,7 @@ def generated_here() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(local, "LocalScheduler", scheduler)
         patch.setattr(runner, "LocalScheduler", scheduler)
+        # The same few small observations are made again and again, and what they show is arranged and lit once. That it
+        # would be the same in another process, runs on two workers and of real programs tell.
+        patch.setattr(prepare, "KEPT", 4)
         yield

@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft
-from scipy.spatial import cKDTree
 
 Field = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -140,6 +139,8 @@ def cells(rng: np.random.Generator, shape: tuple[int, int], count: int) -> tuple
 def cells_of(seeds: Field, shape: tuple[int, int]) -> tuple[NDArray[np.int64], Field, Field]:
     """Voronoi cells of given seeds (N, 2: x, y in pixels): id, and distance to the nearest and second nearest seed."""
     height, width = shape
+    from scipy.spatial import cKDTree
+
     tree = cKDTree(np.mod(seeds, (width, height)), boxsize=np.array([width, height]))
     y, x = np.meshgrid(np.arange(height) + 0.5, np.arange(width) + 0.5, indexing="ij")
     found = tree.query(np.stack([x.ravel(), y.ravel()], axis=1), k=2)
