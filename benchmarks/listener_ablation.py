@@ -394,7 +394,8 @@ def table_rows(arms: dict[str, Any]) -> list[list[str]]:
     Args:
         arms: of `collected`.
     """
-    titles = sorted(arms, key=lambda title: not ARMS[title].without and title != "nothing")
+    known = [title for title in ARMS if title in arms]
+    titles = sorted(known, key=lambda title: not ARMS[title].without and title != "nothing")
     return [
         [
             title,
