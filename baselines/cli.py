@@ -357,14 +357,17 @@ def denseav(
 @click.option(
     "--sound", "hearing", type=click.Choice(_SOUND_CONTROLS), default="own", show_default=True, help=_SOUND_HELP
 )  # fmt: skip
+@click.option(
+    "--soft-masks", "soft", type=PATH, default=None, metavar="FOLDER",
+    help="Also write the probability of each pixel, as PNG with 8 bits of grey, for `avs3d metrics --soft`.",
+)  # fmt: skip
 def listener(
     root: Path,
     path: Path,
     only: tuple[str, ...],
     overwrite: bool,
-    weights: Path | None,
-    device: str | None,
     answer: str,
+    soft: Path | None,
     **how: Any,
 ) -> None:
     """Run the listener, frame by frame: the picture and one second of binaural sound give the mask of what sounds.
@@ -377,10 +380,14 @@ def listener(
     from baselines.listener.predict import load_method, write_listener
 
     require("baselines")
-    model = load_method(weights, device=device, **how)
+    if soft is not None and answer != "sounding":
+        raise UsageError(
+            f"--soft-masks: belongs to --answer sounding; --answer {answer} has no probabilities of pixels"
+        )
+    model = load_method(**how)
     how = {"only": only, "overwrite": overwrite, "progress": sys.stderr.isatty()}
     if answer == "sounding":
-        _done(write_listener(Dataset(root), path, model, **how))
+        _done(write_listener(Dataset(root), path, model, soft=soft, **how))
     else:
         _done(write_direction(Dataset(root), path, model, cues=answer, **how))  # type: ignore[arg-type]
 

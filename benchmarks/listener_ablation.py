@@ -222,6 +222,7 @@ def train_one(plan: Trainings, title: str, seed: int) -> None:
         calibration, _ = calibration_of(result, None, fabric)
     trained = time.monotonic() - began
     network = result.network.eval()
+    torch.backends.cudnn.benchmark = False
     found = {name: scores(network, calibration, _store(plan.data, name), fabric.device) for name in TESTS}
     sampler = Sampler(store, 1, seed, homes=settings.homes)
     views = {*sampler.visible.tolist(), *sampler.empty.tolist()}
@@ -393,7 +394,8 @@ def table_rows(arms: dict[str, Any]) -> list[list[str]]:
     Args:
         arms: of `collected`.
     """
-    titles = sorted(arms, key=lambda title: not ARMS[title].without and title != "nothing")
+    known = [title for title in ARMS if title in arms]
+    titles = sorted(known, key=lambda title: not ARMS[title].without and title != "nothing")
     return [
         [
             title,

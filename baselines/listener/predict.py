@@ -13,18 +13,23 @@ Nothing of the truth is read: pictures, binaural sound and the camera's intrinsi
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from avs3d_bench.contract import layout
 from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.dataset import Dataset, Frame
-from avs3d_bench.errors import Avs3dError
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.formats.media import write_png_categories
+from avs3d_bench.formats.staging import refuse_strange, staged_folder
 from avs3d_bench.method import Method, write_submission
 from avs3d_bench.submission import Prediction, SubmissionWriter
 from baselines.listener.masks import (
@@ -140,8 +145,12 @@ class ListenerMethod:
             for mask, what, names in zip(*numbers, strict=True)
         ]
 
-    def predictions(self, frames: Sequence[Frame]) -> list[Prediction]:
+    def predictions(self, frames: Sequence[Frame], soft: Path | None = None) -> list[Prediction]:
         """Masks of frames, with class ids in part_3.
+
+        Args:
+            frames: of any observations.
+            soft: folder to which the probabilities of their pixels go as well; see `write_listener`.
 
         Raises:
             Avs3dError: if a frame has no sound, a file is damaged, or memory runs out.
@@ -155,19 +164,30 @@ class ListenerMethod:
             with inference(self.device, _where(part[0])):
                 answers = self.answers(pictures, sounds, cameras)
             for frame, picture, answer in zip(part, pictures, answers, strict=True):
-                mask = self.mask(answer, picture)
+                odds = self.odds(answer, picture)
+                mask = self.marked(odds)
+                if soft is not None:
+                    write_soft_mask(soft, frame, odds)
                 classes = class_map(mask, answer) if frame.observation.is_part_3 else None
                 out.append(Prediction(mask, classes))
         return out
 
     def mask(self, answer: Answer, picture: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """(H, W) of a picture (H, W, 3), rules 2 and 3."""
+        return self.marked(self.odds(answer, picture))
+
+    def odds(self, answer: Answer, picture: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """(H, W) log-odds of a picture's pixels (H, W, 3), rule 2."""
         cells = np.clip(answer.mask, -MOST_LOGIT, MOST_LOGIT)
         large = np.asarray(cv2.resize(cells, picture.shape[1::-1], interpolation=cv2.INTER_LINEAR), np.float32)
         # Nothing that is far below the threshold rises above it by a filter that averages.
         if self.refine == "edges" and large.max() > logit(self.threshold):
             large = guided(large, picture)
-        return without_specks(np.asarray(large > logit(self.threshold)), LEAST_AREA)
+        return large
+
+    def marked(self, odds: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """(H, W) of log-odds, rule 3."""
+        return without_specks(np.asarray(odds > logit(self.threshold)), LEAST_AREA)
 
     @property
     def notes(self) -> str:
@@ -189,6 +209,30 @@ def _reduced(picture: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
     if picture.shape[:2] == (side, side):
         return picture
     return np.asarray(cv2.resize(picture, (side, side), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def write_soft_mask(folder: Path, frame: Frame, odds: NDArray[np.float32]) -> None:
+    """Write the probabilities of a frame's pixels as 8 bits of grey (255 is 1), named as the mask in a submission.
+
+    Args:
+        folder: of the soft masks of a dataset.
+        frame: whose they are.
+        odds: (H, W) log-odds.
+    """
+    path = folder / frame.observation.key / layout.SUBMISSION_MASKS / f"{frame.name}.png"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_png_categories(path, np.round(255 * expit(odds)).astype(np.uint8))
+
+
+def _check_soft(overwrite: bool, folder: Path) -> None:
+    """Refuse a folder for soft masks that holds anything else, or, unless they may be replaced, anything."""
+    if not folder.exists():
+        return
+    if not folder.is_dir():
+        raise UsageError(f"{folder}: found a file, expected a folder for soft masks; choose another name")
+    refuse_strange(folder, (f"part_[123]/*/*/*/{layout.SUBMISSION_MASKS}/frame_*.png",))
+    if not overwrite and any(folder.iterdir()):
+        raise UsageError(f"{folder}: holds soft masks; choose another folder, or overwrite them (--overwrite)")
 
 
 def _where(frame: Frame) -> str:
@@ -277,6 +321,7 @@ def write_listener(
     only: Iterable[str] = (),
     overwrite: bool = False,
     progress: bool = False,
+    soft: str | Path | None = None,
 ) -> SubmissionWriter:
     """Write the masks of the test frames as a submission, and in part_3 the class ids.
 
@@ -287,12 +332,14 @@ def write_listener(
         only: shell patterns of observation keys.
         overwrite: replace an existing submission.
         progress: show a bar on stderr.
+        soft: folder for soft masks, which are no part of the submission: ``KEY/masks/frame_000.png`` with the
+            probability of each pixel of each test frame as 8 bits of grey; None: none are written.
 
     Returns:
         The writer; its attributes describe what was written.
 
     Raises:
-        UsageError: if no observation matches, or the target is not free.
+        UsageError: if no observation matches, or a target is not free.
         Avs3dError: if a file is missing or damaged, memory runs out, or the system refuses.
 
     Examples:
@@ -303,5 +350,8 @@ def write_listener(
         ['part_2/apartment_1/kitchen/1']
     """
     name = ", ".join(filter(None, ("Listener", SAID[model.hearing])))
-    method = Method(name, model.predictions, notes=model.notes, entry="baselines.listener.predict:write_listener")
-    return write_submission(dataset, path, method, only=only, overwrite=overwrite, progress=progress)
+    with ExitStack() as stack:
+        root = None if soft is None else stack.enter_context(staged_folder(soft, partial(_check_soft, overwrite)))
+        predict = partial(model.predictions, soft=root)
+        method = Method(name, predict, notes=model.notes, entry="baselines.listener.predict:write_listener")
+        return write_submission(dataset, path, method, only=only, overwrite=overwrite, progress=progress)

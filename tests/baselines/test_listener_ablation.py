@@ -133,7 +133,8 @@ def test_changes_are_those_of_the_same_seeds(tmp_path: Path) -> None:
     assert (found["decay"]["validation"]["strict_IoU"], found["decay"]["validation"]["change"]) == (None, None)
     assert found["gain, noise"]["validation"]["strict_IoU"]["values"] == [0.35, 0.9]
     assert found["gain, noise"]["validation"]["change"]["values"] == [-0.05]
-    rows = ablation.table_rows(found)
+    rows = ablation.table_rows(dict(sorted(found.items())))
+    assert [row[0] for row in rows] == ["nothing", "gain, noise", "decay"]
     assert rows[1][:5] == ["gain, noise", "44, 4,000", ".625 (.350–.900)", "−.050 (−.050 to −.050)", ".500 (.500–.500)"]
 
 

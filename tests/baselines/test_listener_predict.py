@@ -133,6 +133,62 @@ def test_the_command_writes_a_submission_with_class_ids(scenes: Path, saved: Pat
     assert record.get("truth") is None
 
 
+@pytest.fixture(scope="module")
+def soft(scenes: Path, saved: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with ``masks`` and ``soft`` of an untrained network, whose threshold is .5."""
+    folder = tmp_path_factory.mktemp("soft")
+    assert softly(scenes, saved, folder).exit_code == 0
+    return folder
+
+
+def softly(scenes: Path, saved: Path, folder: Path, *extra: str) -> Any:
+    arguments = ["listener", "--dataset", str(scenes), "-o", str(folder / "masks"), "--weights", str(saved), "--device",
+                 "cpu", "--looks", "one", "--uncalibrated", "--soft-masks", str(folder / "soft"), *extra]  # fmt: skip
+    return CliRunner().invoke(baseline, arguments)
+
+
+def test_soft_masks_have_the_probabilities_of_which_masks_are_made(scenes: Path, saved: Path, soft: Path) -> None:
+    method = predict.load_method(saved, device="cpu", looks="one")
+    for observation in Dataset(scenes):
+        frames = observation.test
+        names = {f"{frame.name}.png" for frame in frames}
+        assert {path.name for path in (soft / "soft" / observation.key / "masks").iterdir()} == names
+        sounds = np.stack([predict.clip_of(frame) for frame in frames])
+        cameras = np.asarray([predict.camera_of(frame) for frame in frames], np.float32)
+        found = method.answers([frame.rgb() for frame in frames], sounds, cameras)
+        for frame, answer in zip(frames, found, strict=True):
+            grey = cv2.imread(
+                str(soft / "soft" / observation.key / "masks" / f"{frame.name}.png"), cv2.IMREAD_UNCHANGED
+            )
+            wanted = 255 / (1 + np.exp(-method.odds(answer, frame.rgb())))
+            assert grey.dtype == np.uint8
+            assert np.abs(grey - wanted).max() <= 0.5 + 1e-3
+            assert len(np.unique(grey)) > 2
+            mask = media.read_png_mask(soft / "masks" / observation.key / layout.SUBMISSION_MASKS / f"{frame.name}.png")
+            assert (grey[mask] >= 127).all()
+
+
+def test_soft_masks_are_scored_without_a_threshold(scenes: Path, soft: Path, tmp_path: Path) -> None:
+    from evaluators.reading.mask_folders import FolderOptions, score_folders
+
+    for path in (soft / "soft").rglob("*.png"):
+        # The truth is what the network is surest of: the ranking is right, whatever the threshold.
+        grey = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        media.write_png_mask(tmp_path / path.relative_to(soft / "soft"), grey == grey.max())
+    found = score_folders(tmp_path, soft / "soft", FolderOptions(soft=True))
+    assert found.figures["AP"] == 1.0
+    assert found.frames == sum(len(observation.test) for observation in Dataset(scenes))
+
+
+def test_soft_masks_replace_nothing_unasked(scenes: Path, saved: Path, soft: Path) -> None:
+    assert "holds soft masks" in str(softly(scenes, saved, soft).exception)
+    assert softly(scenes, saved, soft, "--overwrite").exit_code == 0
+    (soft / "soft" / "notes.txt").touch()
+    assert "notes.txt" in str(softly(scenes, saved, soft, "--overwrite").exception)
+    (soft / "soft" / "notes.txt").unlink()
+    assert "--answer direction" in str(softly(scenes, saved, soft, "--overwrite", "--answer", "direction").exception)
+
+
 def test_the_truth_is_not_read(scenes: Path, saved: Path, tmp_path: Path) -> None:
     import shutil
 
