@@ -321,7 +321,7 @@ def test_killed_at_any_time_and_run_again(ours: Path, tmp_path: Path):
     subprocess.run(line, check=True, capture_output=True, cwd=ROOT)
     usual, want = time.perf_counter() - start, tree(out)
     killed = 0
-    for _ in range(8):
+    for _ in range(5):
         subprocess.run(["rm", "-rf", str(out)], check=True)
         process = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=ROOT)
         # The interpreter starts for most of the time; the moments lie where files are written.

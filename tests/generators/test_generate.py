@@ -73,6 +73,14 @@ def root(manifest: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
+def test_the_process_that_hands_out_the_work_loads_nothing_that_only_workers_need() -> None:
+    heavy = ("scipy.signal", "scipy.spatial", "scipy.ndimage", "trimesh", "networkx", "numba", "matplotlib", "pandas")
+    code = "import sys, generators.run.generation, generators.surveying.cli\n"
+    code += f"print([name for name in {heavy} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
 @pytest.mark.slow
 def test_the_tree_is_valid_to_the_last_file(root: Path) -> None:
     report = validate(root, deep=True)

@@ -23,12 +23,15 @@ from avs3d_bench.formats import media
 from avs3d_bench.validate import validate
 from generators.acoustics.clips import GAIN
 from generators.cli import generate
+from generators.core.scene import Scene
+from generators.lighting.bake import insert
 from generators.observation.arrangement import Arrangement
 from generators.observation.regenerate import regenerate
 from generators.observation.sources import SoundSource, choose_sources
 from generators.options import GenerateOptions
 from generators.plan import make_plans, read_manifest
 from tests.support.flats import plain_flat
+from tests.support.here import forget_arrangements
 from tests.support.homes import tree_digest, write_manifest
 from tests.support.tiny import clone, replace
 
@@ -107,6 +110,7 @@ def test_siblings_are_hard_links_to_the_pictures_of_the_first(group: Dataset) ->
 
 def test_a_sibling_made_alone_has_the_same_bytes(group: Dataset, manifest: Path, tmp_path: Path) -> None:
     """Without the first, its pictures are rendered: nothing but time depends on that."""
+    forget_arrangements()
     _run(manifest, tmp_path / "alone", "--only", "part_3/box/kitchen/5")
     key = "part_3/box/kitchen/5"
     assert tree_digest(tmp_path / "alone" / key) == tree_digest(group.root / key)
@@ -483,8 +487,12 @@ def test_fewer_frames_cut_programmes_off(manifest: Path, tmp_path: Path) -> None
     assert media.read_json(tmp_path / "short/dataset.json")["schema_version"] == "1.1"
 
 
-def test_sources_that_reach_full_scale_together_are_lowered_as_one(tmp_path: Path) -> None:
+def test_sources_that_reach_full_scale_together_are_lowered_as_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """By whole decibels to less than −1 dB of full scale, which the gain in the record tells; so is a source alone."""
+    lit: list[Scene] = []
+    monkeypatch.setattr("generators.scenes.placed.insert", lambda *args: lit.append(insert(*args)) or lit[-1])
 
     def made(name: str, gain_db: float, *sources: int) -> Path:
         entry: dict[str, Any] = {
@@ -504,6 +512,7 @@ def test_sources_that_reach_full_scale_together_are_lowered_as_one(tmp_path: Pat
     gain_db = round(20 * math.log10(1.2 / peak), 3)
     loud_manifest = made("loud", gain_db, 1, 2)
     _run(loud_manifest, tmp_path / "loud/tree", "--frames", "3", "--size", "64")
+    assert len(lit) <= 2, "what is made again with all sources lower was lit again, too"
     data = Dataset(tmp_path / "loud/tree")
     record = data[FIRST].record
     assert record is not None

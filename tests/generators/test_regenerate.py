@@ -25,6 +25,7 @@ from generators import backends
 from generators.cli import generate
 from generators.run.panorama import render_faces
 from tests.support import tampering, tiny
+from tests.support.here import forget_arrangements
 from tests.support.homes import write_manifest
 from tests.support.tampering import MUTATIONS, Tree
 
@@ -101,6 +102,7 @@ def test_the_entry_point_of_panoramas_is_the_renderer(monkeypatch: pytest.Monkey
 @pytest.mark.slow
 def test_untouched_frames_are_the_same_bytes(root: Path, manifest: Path):
     said: list[str] = []
+    forget_arrangements()
     assert regenerate(root, 2 * FRAMES, seed=1, manifest=manifest, say=said.append) == ()
     assert said == [f"{key}: frames 0, 1, 2, 3" for key in ("part_1/box/kitchen/1", KEY)]
 

@@ -32,6 +32,7 @@ from generators.plan import make_plans, read_manifest
 from generators.run import worker as work
 from generators.scenes.renderer import MOST_THREADS, Renderer
 from tests.support.homes import write_manifest
+from tests.support.scheduling_tasks import cores_seen, load_and_end, pid_after
 
 
 def _files(root: Path) -> dict[str, bytes]:
@@ -44,14 +45,14 @@ def test_threads_change_no_byte(tmp_path: Path, audio: str) -> None:
     if audio == "soundspaces":
         pytest.importorskip("rlr_audio_propagation", reason="the SoundSpaces engine is not installed")
     plan = make_plans(
-        read_manifest(write_manifest(tmp_path)), GenerateOptions(only=["part_2/*"], frames=10, size=96, audio=audio,
+        read_manifest(write_manifest(tmp_path)), GenerateOptions(only=["part_2/*"], frames=8, size=96, audio=audio,
         extras=("depth", "rirs")))[0]  # fmt: skip
     constant = {str(n): repeat(n) for n in (1, 32)}
     changing = {"growing": chain([1, 1, 1, 2, 2], repeat(32)), "shrinking": chain([1, 4, 4], repeat(1))}
     for name, cores in (constant | changing).items():
         seen: list[int] = []
         generate_observation(plan, tmp_path / name, tmp_path / "cache", seen.append, cores=lambda c=cores: next(c))
-        assert seen == list(range(10))
+        assert seen == list(range(8))
         assert multiprocessing.active_children() == []
     one = _files(tmp_path / "1")
     assert len(one) > 60
@@ -124,7 +125,7 @@ def test_frames_are_drawn_on_fewer_cores_when_they_are_needed_elsewhere() -> Non
 @pytest.mark.slow
 def test_the_last_tasks_of_a_run_are_lent_the_cores_of_those_that_have_nothing_to_do() -> None:
     """Six tasks on four workers: while all four work each has one core; the last one alone has all four."""
-    tasks = [Task(str(n), _cores_seen, (0.1 if n < 4 else 0.5 if n == 4 else 2.0,), most_cores=9) for n in range(6)]
+    tasks = [Task(str(n), cores_seen, (0.1 if n < 4 else 0.5 if n == 4 else 2.0,), most_cores=9) for n in range(6)]
     with LocalScheduler(4) as pool:
         found = {r.task.name: r.value for r in pool.run(tasks, Policy(), lambda _: None)}
     assert [found[str(n)] for n in range(4)] == [[1]] * 4
@@ -137,8 +138,8 @@ def test_the_last_tasks_of_a_run_are_lent_the_cores_of_those_that_have_nothing_t
 def test_nothing_is_lent_to_what_cannot_use_it_nor_while_tasks_wait() -> None:
     """A task that others wait for is alone on three workers; their cores are kept for those that wait."""
     wait_for = {"after": "first", "most_cores": 2}
-    tasks = [Task("first", _cores_seen, (0.5,), most_cores=9)]
-    tasks += [Task(name, _cores_seen, (seconds,), **wait_for) for name, seconds in [("a", 0.1), ("b", 1.0)]]  # type: ignore[arg-type]
+    tasks = [Task("first", cores_seen, (0.5,), most_cores=9)]
+    tasks += [Task(name, cores_seen, (seconds,), **wait_for) for name, seconds in [("a", 0.1), ("b", 1.0)]]  # type: ignore[arg-type]
     with LocalScheduler(3) as pool:
         found = {r.task.name: r.value for r in pool.run(tasks, Policy(), lambda _: None)}
     assert found["first"] == [1]
@@ -150,8 +151,8 @@ def test_nothing_is_lent_to_what_cannot_use_it_nor_while_tasks_wait() -> None:
 def test_workers_that_wait_for_a_first_task_load_meanwhile_and_do_their_work_however_that_ends(
     tmp_path: Path, end: str
 ) -> None:
-    tasks = [Task("first", _pid, (3.0,)), *(Task(str(n), _pid, (1.0,), after="first") for n in range(2))]
-    policy = Policy(warm_up=Task("load", _loaded, (tmp_path, end)))
+    tasks = [Task("first", pid_after, (3.0,)), *(Task(str(n), pid_after, (1.0,), after="first") for n in range(2))]
+    policy = Policy(warm_up=Task("load", load_and_end, (tmp_path, end)))
     with LocalScheduler(2) as pool:
         found = {r.task.name: r.value for r in pool.run(tasks, policy, lambda _: None)}
     (loaded,) = [int(path.name) for path in tmp_path.iterdir()]
@@ -159,20 +160,6 @@ def test_workers_that_wait_for_a_first_task_load_meanwhile_and_do_their_work_how
     assert found.keys() == {"first", "0", "1"}
     assert found["0"] != found["1"]
     assert (loaded in {found["0"], found["1"]}) == (end != "dead")
-
-
-def _pid(_: Context, seconds: float) -> int:
-    time.sleep(seconds)
-    return os.getpid()
-
-
-def _loaded(context: Context, folder: Path, end: str) -> None:
-    context.report("frame", "0")
-    (folder / str(os.getpid())).touch()
-    if end == "wrong":
-        raise Avs3dError("wrong")
-    if end == "dead":
-        os.kill(os.getpid(), signal.SIGKILL)
 
 
 @pytest.mark.parametrize(
@@ -198,7 +185,7 @@ def test_idle_cores_go_to_the_tasks_that_began_last(
 
 @pytest.mark.slow
 def test_one_worker_lends_nothing() -> None:
-    tasks = [Task(n, _cores_seen, (0.0,), most_cores=9) for n in "ab"]
+    tasks = [Task(n, cores_seen, (0.0,), most_cores=9) for n in "ab"]
     with LocalScheduler(1) as pool:
         found = [r.value for r in pool.run(tasks, Policy(), lambda _: None)]
     assert found == [[1]] * 2
@@ -228,16 +215,6 @@ def test_a_process_warms_up_once_for_all_heads_of_a_family(monkeypatch: pytest.M
     for options in (*heads, EngineOptions(audio="tracer"), *heads):
         work.warm_up_worker(Context(0, lambda *_: None), options)
     assert warmed == [heads[0], EngineOptions(audio="tracer")]
-
-
-def _cores_seen(context: Context, seconds: float) -> list[int]:
-    seen = [context.cores()]
-    until = time.monotonic() + seconds
-    while time.monotonic() < until:
-        time.sleep(0.01)
-        if context.cores() != seen[-1]:
-            seen.append(context.cores())
-    return seen
 
 
 class _Nothing:

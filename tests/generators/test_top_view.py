@@ -172,6 +172,7 @@ def test_a_dataset_in_a_scan_is_valid_and_misses_its_picture(folder: Path, tmp_p
     path = manifest(tmp_path, category="clock", silent=["coffee_machine"])
     out = tmp_path / "out"
     words = [path, "-o", out, "--audio", "analytic", "--scans", folder, "--cache", tmp_path / "cache"]
+    words += ["--workers", "1"]
     made = CliRunner().invoke(generate, [str(word) for word in words])
     assert made.exit_code == 0, made.output
 

@@ -272,11 +272,8 @@ def test_noise_falls_as_one_over_the_root_of_the_rays():
     surfaces, found = images(furnished())
     spread = []
     for rays in (500, 2000, 8000):
-        levels = [
-            decibels(trace(surfaces, found, LISTENERS, TraceSettings(seed=seed, rain_order=0), rays)[j].energy[KHZ])
-            for seed in range(16)
-            for j in (0, 2)
-        ]
+        traces = [trace(surfaces, found, LISTENERS, TraceSettings(seed=seed, rain_order=0), rays) for seed in range(16)]
+        levels = [decibels(heard[j].energy[KHZ]) for heard in traces for j in (0, 2)]
         spread.append(np.mean(np.std(np.reshape(levels, (16, 2)), axis=0, ddof=1)))
     # 16 draws of two listeners know a standard deviation to ±13 %, the ratio of two to ±18 %.
     assert spread[0] / spread[1] == pytest.approx(2, rel=0.4)

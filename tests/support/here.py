@@ -67,6 +67,11 @@ def attempted(task: Task, listen: Listener) -> tuple[str, Any]:
     return kind, found
 
 
+def forget_arrangements() -> None:
+    """Arrange and light the next observation again, whatever was made before."""
+    prepare._arrangement_cache.clear()
+
+
 @contextmanager
 def generated_here() -> Iterator[None]:
     """Runs on one worker have no process of their own."""

@@ -116,3 +116,27 @@ def _mark(marks: Path) -> int:
 def _never_return() -> None:
     # PyDLL keeps the interpreter's lock: no other thread of the process, and no signal handler in Python, runs.
     ctypes.PyDLL(None).sleep(10_000)
+
+
+def pid_after(_: Context, seconds: float) -> int:
+    time.sleep(seconds)
+    return os.getpid()
+
+
+def load_and_end(context: Context, folder: Path, end: str) -> None:
+    context.report("frame", "0")
+    (folder / str(os.getpid())).touch()
+    if end == "wrong":
+        raise Avs3dError("wrong")
+    if end == "dead":
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+def cores_seen(context: Context, seconds: float) -> list[int]:
+    seen = [context.cores()]
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        time.sleep(0.01)
+        if context.cores() != seen[-1]:
+            seen.append(context.cores())
+    return seen
