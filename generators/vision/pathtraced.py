@@ -163,12 +163,12 @@ class PathtracedSession:
         """Depth and ids, and the colours of what is a picture already: photographs and what windows show."""
         return self._labels.labels(pose, self._is_picture)
 
-    def finish(self, sums: F32, labels: RenderedView) -> NDArray[np.uint8]:
+    def finish(self, sums: F32, labels: RenderedView, *, denoise: bool = True) -> NDArray[np.uint8]:
         """The picture (H, W, 3) of what `begin` gives; ``labels`` are the last that `labels` gave, of the same pose."""
         assert self._scene is not None
         face = self._labels.faces
         radiance, albedo, normal = sums / np.float32(SAMPLES)
-        if _denoiser_version() is not None:
+        if denoise and _denoiser_version() is not None:
             shines = self._shines[face]
             albedo = np.where(shines[..., None], np.minimum(radiance, 1.0), albedo)
             radiance = np.where(_inside(shines), radiance, _denoised(radiance, albedo, normal))
