@@ -34,6 +34,7 @@ from generators.observation.surface_points import SurfaceSampler
 from generators.observation.writer import ObservationWriter
 from generators.plan import ObservationPlan
 from generators.scenes.renderer import Renderer
+from generators.vision.base import frames_at_once
 
 Second = TypeVar("Second")
 
@@ -92,9 +93,9 @@ def generate_observation(
         Avs3dError: one line: no place for an object, a room that does not exist, a missing or broken file, a full
             disk, …
     """
-    budget = CoreBudget(cores)
     for decibels in range(LOWERED_DB + 1) if lowered_db is None else (lowered_db,):
         prepared = replace(prepare_observation(plan, cache), lowered_db=decibels)
+        budget = CoreBudget(cores, 1 if pictures else frames_at_once(prepared.renderer))
         try:
             with ObservationWriter(output(root / plan.key), prepared.contents, **plan.optional_files) as writer:
                 return _write(prepared, writer, _hear_and_render(prepared, writer, pictures, on_frame, budget))
@@ -139,18 +140,20 @@ class CoreBudget:
 
     Args:
         ask: see ``cores`` of `generate_observation`.
+        least: the least answer that counts. A renderer that works on several frames at once has as many threads from
+            the first one on, and the sound, which forks, a process of its own before these.
 
     Attributes:
         cores: the last answer.
     """
 
-    def __init__(self, ask: Callable[[], int]) -> None:
-        self._ask = ask
-        self.cores = 1
+    def __init__(self, ask: Callable[[], int], least: int = 1) -> None:
+        self._ask, self._least = ask, least
+        self.cores = least
 
     def ask(self) -> int:
         """Ask, and remember the answer."""
-        self.cores = self._ask()
+        self.cores = max(self._ask(), self._least)
         return self.cores
 
 

@@ -16,6 +16,7 @@ from avs3d_bench.runtime.user_path import user_path
 from avs3d_bench.scheduling.options import Options as Scheduling
 from avs3d_bench.scheduling.options import scheduler_of
 from avs3d_bench.scheduling.tasks import Listener
+from generators.backends import vision_backend
 from generators.core.cuda import most_workers
 from generators.core.folders import default_cache
 from generators.manifest.reading import ManifestFile, read_manifest, select
@@ -23,6 +24,10 @@ from generators.options import GenerateOptions, check_path
 from generators.plan import ObservationPlan, make_plans
 from generators.run.progress import reporting
 from generators.run.runner import Outcome, RunSettings, default_limit, run
+from generators.vision.base import frames_at_once
+
+#: Processes that share a device on which each works on several frames at once.
+_SHARING = 2
 
 _Options = ParamSpec("_Options")
 _Generate = Callable[Concatenate[ManifestFile | str | Path, str | Path, _Options], Outcome]
@@ -146,8 +151,14 @@ def _to_remake(source: ManifestFile, plans: Sequence[ObservationPlan], patterns:
 
 
 def _workers(options: GenerateOptions) -> int:
-    """One worker process per core; with CUDA no more than the device's memory has room for."""
+    """One worker process per core; with CUDA no more than the device's memory has room for.
+
+    A renderer that works on several frames at once keeps its device busy with one process; another one opens scenes
+    meanwhile.
+    """
     cores = available_cores()
+    if options.vision == "pathtraced" and frames_at_once(vision_backend(options.vision, options.device)) > 1:
+        return min(cores, _SHARING)
     uses_cuda = "cuda" in (options.device, options.vision)
     return min(cores, most_workers()) if uses_cuda else cores
 

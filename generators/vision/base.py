@@ -91,3 +91,11 @@ class VisionBackend(Protocol):
     def navigable(self, home: Scene) -> Navigable | None:
         """Where an agent can stand in ``home`` by the backend's own navigation mesh; None if it has none."""
         ...
+
+
+def frames_at_once(backend: VisionBackend) -> int:
+    """How many frames a renderer works on at a time even where there is one core, by its attribute of this name.
+
+    It is more than one where a device draws one frame while the CPU finishes those before it.
+    """
+    return getattr(backend, "frames_at_once", 1)

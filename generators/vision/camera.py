@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.core.scene import Scene
 from generators.core.tone import SRGB_ENTRIES, decode_table, srgb_encode
-from generators.vision.base import RenderedView, VisionBackend, VisionSession
+from generators.vision.base import RenderedView, VisionBackend, VisionSession, frames_at_once
 from generators.vision.views import pose_number
 
 if TYPE_CHECKING:
@@ -101,6 +101,7 @@ class CameraBackend:
         self._renderer = renderer
         self._camera, self._seed = PhoneCamera.drawn(rng, kind), int(rng.integers(2**62))
         self.name, self.version = renderer.name, renderer.version
+        self.frames_at_once = frames_at_once(renderer)
 
     def warm_up(self) -> None:
         """As the renderer's; the camera's kernels are compiled too."""

@@ -43,6 +43,9 @@ SAMPLES = 64
 _PATHS = {"cuda": 1 << 24, "llvm": 1 << 21}
 #: Blocks of so many paths that wait on each kind of device, each with its memory (up to 1 GB on a GPU).
 _AHEAD = {"cuda": 4, "llvm": 1}
+#: Frames in work at a time on each kind of device: on a GPU, one that it draws, and others that the CPU finishes. LLVM
+#: uses all cores for one.
+_AT_ONCE = {"cuda": 3, "llvm": 1}
 #: The most that one path brings, over the radiance that is shown as white.
 MOST_LIGHT = 8.0
 
@@ -61,6 +64,15 @@ class PathtracedBackend:
         """
         mi = _mitsuba()
         return f"{mi.__version__} {mi.variant()}, denoiser {_denoiser_version() or 'none'}"
+
+    @property
+    def frames_at_once(self) -> int:
+        """See `generators.vision.base.frames_at_once`.
+
+        Raises:
+            Avs3dError: if Mitsuba is missing, or none of its variants works.
+        """
+        return _AT_ONCE[_mitsuba().variant().split("_")[0]]
 
     def warm_up(self) -> None:
         """Compile the kernels.
@@ -151,12 +163,12 @@ class PathtracedSession:
         """Depth and ids, and the colours of what is a picture already: photographs and what windows show."""
         return self._labels.labels(pose, self._is_picture)
 
-    def finish(self, sums: F32, labels: RenderedView) -> NDArray[np.uint8]:
+    def finish(self, sums: F32, labels: RenderedView, *, denoise: bool = True) -> NDArray[np.uint8]:
         """The picture (H, W, 3) of what `begin` gives; ``labels`` are the last that `labels` gave, of the same pose."""
         assert self._scene is not None
         face = self._labels.faces
         radiance, albedo, normal = sums / np.float32(SAMPLES)
-        if _denoiser_version() is not None:
+        if denoise and _denoiser_version() is not None:
             shines = self._shines[face]
             albedo = np.where(shines[..., None], np.minimum(radiance, 1.0), albedo)
             radiance = np.where(_inside(shines), radiance, _denoised(radiance, albedo, normal))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from avs3d_bench.geometry import Intrinsics, Pose
 from generators.assets.shapes import MeshBuilder
 from generators.core.scene import Material, Part, Room, Scene, StageFile, Texture
 from generators.core.tone import develop
+from generators.scenes.renderer import Renderer
 from generators.vision import pathtraced
 from generators.vision.embree import EmbreeBackend
 from generators.vision.mitsuba_scene import MitsubaScene, load_mitsuba
@@ -69,6 +71,27 @@ def test_labels_are_those_of_the_default_renderer_and_bytes_repeat(backend: path
     assert np.array_equal(first.depth, expected.depth)
     assert np.array_equal(first.rgb, again.rgb)
     assert np.array_equal(picture(backend, scene), first.rgb)
+
+
+def test_frames_in_work_at_the_same_time_have_the_bytes_of_one_after_another(
+    backend: pathtraced.PathtracedBackend, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Paths are followed for one frame at a time, whichever thread asks; what the threads share is read alone."""
+    monkeypatch.setattr(pathtraced, "SAMPLES", 4)
+    poses = {second: Pose.from_yaw((2.0, 1.2, 1.5), 0.5 * second) for second in range(7)}
+    scene, threads = room_with_a_block(), set[int]()
+
+    def finished(_: int, __: object) -> None:
+        threads.add(threading.get_ident())
+
+    with Renderer(scene, backend) as camera:
+        together = list(camera.frames(poses, CAMERA, then=finished, cores=lambda: 3))
+    assert len(threads) > 1
+    with Renderer(scene, backend) as camera:
+        for second, view in enumerate(together):
+            alone = camera.frame(poses[second], CAMERA)
+            assert np.array_equal(view.rgb, alone.rgb)
+            assert np.array_equal(view.instance_ids, alone.instance_ids)
 
 
 def two_rooms() -> Scene:

@@ -31,6 +31,7 @@ from generators.options import EngineOptions, GenerateOptions
 from generators.plan import make_plans, read_manifest
 from generators.run import worker as work
 from generators.scenes.renderer import MOST_THREADS, Renderer
+from generators.vision.embree import EmbreeBackend, EmbreeSession
 from tests.support.homes import write_manifest
 from tests.support.scheduling_tasks import cores_seen, load_and_end, pid_after
 
@@ -41,7 +42,7 @@ def _files(root: Path) -> dict[str, bytes]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("audio", ["analytic", "soundspaces"])
-def test_threads_change_no_byte(tmp_path: Path, audio: str) -> None:
+def test_threads_change_no_byte(tmp_path: Path, audio: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if audio == "soundspaces":
         pytest.importorskip("rlr_audio_propagation", reason="the SoundSpaces engine is not installed")
     plan = make_plans(
@@ -54,9 +55,17 @@ def test_threads_change_no_byte(tmp_path: Path, audio: str) -> None:
         generate_observation(plan, tmp_path / name, tmp_path / "cache", seen.append, cores=lambda c=cores: next(c))
         assert seen == list(range(8))
         assert multiprocessing.active_children() == []
+    # On one core, by a renderer that works on three frames at a time.
+    monkeypatch.setattr(EmbreeBackend, "frames_at_once", 3, raising=False)
+    drawing, drawn = EmbreeSession.render, set[int]()
+    monkeypatch.setattr(
+        EmbreeSession, "render", lambda session, pose: drawn.add(threading.get_ident()) or drawing(session, pose)
+    )
+    generate_observation(plan, tmp_path / "at once", tmp_path / "cache")
+    assert len(drawn) > 1
     one = _files(tmp_path / "1")
     assert len(one) > 60
-    for name in [*constant, *changing]:
+    for name in [*constant, *changing, "at once"]:
         assert _files(tmp_path / name) == one, name
 
 
