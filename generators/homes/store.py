@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ from generators.homes.cache import cached_scene
 from generators.plan import ObservationPlan
 
 if TYPE_CHECKING:
+    from generators.scans.files import ScanFiles
     from generators.scans.scan import ScanAcoustics
 
 #: The scan that this process opened last, by its digest.
@@ -92,9 +94,8 @@ def _open_scan(plan: ObservationPlan) -> Scene:
     spec, room = plan.scan, plan.spec.room
     files, digest = plan.scan_files, plan.home_digest
     known = _scan_cache.get(digest)
-    # A moved folder holds the same scan, but a renderer may need the new path of its file.
-    if known and known.stage and known.stage.path == files.mesh and room in (each.name for each in known.rooms):
-        return known
+    if known and known.stage and room in (each.name for each in known.rooms):
+        return _moved(known, files)
     # Habitat reads the stage file itself, with its compressed textures.
     textures = plan.options.renderer != "habitat" or can_decode_basis() or not has_basis(files.mesh)
     scene = load_scan(
@@ -110,3 +111,13 @@ def _open_scan(plan: ObservationPlan) -> Scene:
     _scan_cache.clear()
     _scan_cache[digest] = scene
     return scene
+
+
+def _moved(scene: Scene, files: ScanFiles) -> Scene:
+    """The scan: a moved folder holds the same one, but a renderer may need the new paths of its files."""
+    if scene.stage is None or scene.stage.path == files.mesh:
+        return scene
+    splats = scene.splats
+    if splats is not None and files.splats is not None:
+        splats = replace(splats, path=files.splats)
+    return replace(scene, stage=replace(scene.stage, path=files.mesh), splats=splats)

@@ -7,6 +7,7 @@ derived from the analogue prototypes of those coefficients, so that the weightin
 from __future__ import annotations
 
 import math
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,7 +83,8 @@ def true_peak_envelope(signal: NDArray[np.floating]) -> Array:
         stop = min(start + chunk, len(samples))
         low, high = max(0, start - edge), min(len(samples), stop + edge)
         fine = np.abs(resample_poly(samples[low:high], _OVERSAMPLING, 1)).reshape(-1, _OVERSAMPLING)
-        out[start:stop] = fine.max(axis=1)[start - low : stop - low]
+        # Column by column: along rows of four, numpy takes several times as long.
+        out[start:stop] = reduce(np.maximum, fine[start - low : stop - low].T)
     return np.maximum(out, np.abs(samples))
 
 
