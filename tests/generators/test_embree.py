@@ -397,7 +397,7 @@ def test_labels_have_the_depth_and_ids_of_the_picture_and_the_colours_that_are_w
     found = session.labels(ORIGIN, coloured)
     assert np.array_equal(found.depth, whole.depth)
     assert np.array_equal(found.instance_ids, whole.instance_ids)
-    inside = ndimage.binary_erosion(coloured[session.faces], np.ones((3, 3)), border_value=1)
+    inside = ndimage.binary_erosion(coloured[session.faces], np.ones((3, 3), dtype=bool), border_value=1)
     assert (inside.sum() > 500) == (wanted != "none")
     assert np.array_equal(found.rgb[inside], whole.rgb[inside])
 
