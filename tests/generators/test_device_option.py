@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
@@ -21,6 +22,7 @@ from generators.observation.record import describe_device
 from generators.options import EngineOptions, GenerateOptions
 from generators.plan import ObservationPlan, make_plans
 from generators.run import generation
+from generators.vision import pathtraced
 
 MANIFEST = Path(__file__).parents[2] / "scenes_manifest/demo.yaml"
 RAYS = "generators/core/device_rays.py"
@@ -108,6 +110,15 @@ def test_as_many_processes_as_the_device_has_memory_for(
     assert generation._workers(GenerateOptions(device="cuda")) == expected
     assert generation._workers(GenerateOptions(vision="cuda")) == expected
     assert generation._workers(GenerateOptions()) == 16
+
+
+@pytest.mark.parametrize(("variant", "expected"), [("cuda_ad_rgb", 2), ("llvm_ad_rgb", 16)])
+def test_two_processes_share_a_device_that_follows_paths(
+    monkeypatch: pytest.MonkeyPatch, variant: str, expected: int
+) -> None:
+    monkeypatch.setattr(pathtraced, "_mitsuba", lambda: SimpleNamespace(variant=lambda: variant))
+    monkeypatch.setattr(generation, "available_cores", lambda: 16)
+    assert generation._workers(GenerateOptions(vision="pathtraced")) == expected
 
 
 @pytest.mark.parametrize("chosen", [("--device", "cuda"), ("--vision", "cuda")])

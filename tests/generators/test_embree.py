@@ -383,12 +383,12 @@ def test_the_same_pose_gives_the_same_bytes_whatever_came_before_and_in_another_
     assert run.stdout.strip() == first
 
 
-@pytest.mark.parametrize("wanted", ["checker", "glossy", "none"])
+@pytest.mark.parametrize("wanted", ["checker", "glossy", "all", "none"])
 def test_labels_have_the_depth_and_ids_of_the_picture_and_the_colours_that_are_wanted(wanted: str) -> None:
     scene = _busy()
     glossy = Material("glossy", "tile", colour=(0.5, 0.4, 0.3), roughness=0.2)
     scene = replace(scene, parts=(*scene.parts, Part("glossy", _wall(glossy, z=-3.0, half=0.8), instance_id=7)))
-    names = [[m.name == wanted for m in part.mesh.materials] for part in scene.parts]
+    names = [[wanted in (m.name, "all") for m in part.mesh.materials] for part in scene.parts]
     faces = [np.array(own)[part.mesh.face_material] for own, part in zip(names, scene.parts, strict=True)]
     coloured = np.append(np.concatenate(faces), False)
     session = EmbreeBackend().open(scene, Intrinsics.from_fov(120))
@@ -397,7 +397,7 @@ def test_labels_have_the_depth_and_ids_of_the_picture_and_the_colours_that_are_w
     found = session.labels(ORIGIN, coloured)
     assert np.array_equal(found.depth, whole.depth)
     assert np.array_equal(found.instance_ids, whole.instance_ids)
-    inside = ndimage.binary_erosion(coloured[session.faces], np.ones((3, 3)), border_value=1)
+    inside = ndimage.binary_erosion(coloured[session.faces], np.ones((3, 3), dtype=bool), border_value=1)
     assert (inside.sum() > 500) == (wanted != "none")
     assert np.array_equal(found.rgb[inside], whole.rgb[inside])
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import threading
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
+from benchmarks import pathtraced_cost
 from generators.assets.shapes import MeshBuilder
 from generators.core.scene import Material, Part, Room, Scene, StageFile, Texture
 from generators.core.tone import develop
@@ -140,6 +142,42 @@ def test_radiance_in_a_furnace(backend: pathtraced.PathtracedBackend) -> None:
     scene = scene_of(box_room(matte(0.5, emission=(0.2, 0.1, 0.05))).build())
     found = picture(backend, scene).reshape(-1, 3)
     assert np.abs(np.median(found, axis=0) - develop([0.4, 0.2, 0.1])).max() <= 2
+
+
+def test_more_paths_bring_a_picture_nearer_to_the_reference_of_its_cost(
+    backend: pathtraced.PathtracedBackend, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pathtraced, "_denoiser_version", lambda: None)
+    off = {}
+    for samples in (2, 32):
+        monkeypatch.setattr(pathtraced, "SAMPLES", samples)
+        monkeypatch.setattr(pathtraced_cost, "SAMPLES", samples)
+        session = backend.open(room_with_a_block(), CAMERA)
+        off[samples] = pathtraced_cost.error(session, POSE, session.render(POSE).rgb, 128)
+        session.close()
+    assert {found["paths"] for found in off.values()} == {128}
+    # Noise falls by the root of the number of paths; the reference has noise of its own.
+    own = [np.sqrt(max(found["rms"] ** 2 - found["of the reference"] ** 2, 0.0)) for found in off.values()]
+    assert 2.5 < own[0] / own[1] < 6.0
+
+
+def test_a_pace_counts_frames_after_the_first_ones(
+    backend: pathtraced.PathtracedBackend, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pathtraced, "SAMPLES", 2)
+    rooms = (Room("box", (0.0, 0.0, 0.0), SIZE),)
+    poses = tuple(Pose.from_yaw((2.0, 1.2, 1.5), 0.1 * step) for step in range(8))
+    monkeypatch.setattr(
+        pathtraced_cost, "prepared_room", lambda *_, **__: (replace(room_with_a_block(), rooms=rooms), "box", poses)
+    )
+    encoded, waited = list[int](), list[int]()
+    monkeypatch.setattr(pathtraced_cost, "encode", lambda number, _: encoded.append(number))
+    start = SimpleNamespace(wait=lambda _: waited.append(len(encoded)))
+    pace = pathtraced_cost.render_for(("a key", 24, 2, 0.5), start)
+    assert len(waited) == 1
+    assert waited[0] >= 4  # two of each of two sessions
+    assert 2 <= pace.frames <= len(encoded) - 4
+    assert 0.5 <= pace.seconds < 60
 
 
 @pytest.mark.parametrize("metal", [(0.9, 0.6, 0.3), None])

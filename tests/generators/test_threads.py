@@ -31,6 +31,7 @@ from generators.options import EngineOptions, GenerateOptions
 from generators.plan import make_plans, read_manifest
 from generators.run import worker as work
 from generators.scenes.renderer import MOST_THREADS, Renderer
+from generators.vision.base import RenderedView
 from generators.vision.embree import EmbreeBackend, EmbreeSession
 from tests.support.homes import write_manifest
 from tests.support.scheduling_tasks import cores_seen, load_and_end, pid_after
@@ -58,9 +59,12 @@ def test_threads_change_no_byte(tmp_path: Path, audio: str, monkeypatch: pytest.
     # On one core, by a renderer that works on three frames at a time.
     monkeypatch.setattr(EmbreeBackend, "frames_at_once", 3, raising=False)
     drawing, drawn = EmbreeSession.render, set[int]()
-    monkeypatch.setattr(
-        EmbreeSession, "render", lambda session, pose: drawn.add(threading.get_ident()) or drawing(session, pose)
-    )
+
+    def draw(session: EmbreeSession, pose: Pose) -> RenderedView:
+        drawn.add(threading.get_ident())
+        return drawing(session, pose)
+
+    monkeypatch.setattr(EmbreeSession, "render", draw)
     generate_observation(plan, tmp_path / "at once", tmp_path / "cache")
     assert len(drawn) > 1
     one = _files(tmp_path / "1")
