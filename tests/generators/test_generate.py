@@ -418,14 +418,14 @@ def test_files_take_the_place_of_objects_and_sounds(manifest: Path, tmp_path: Pa
     assert peak == pytest.approx(997, abs=2)
 
 
-#: Python runs this in every process that finds it: writing fails once a process has written 3 MB.
+#: Python runs this in every process that finds it: writing fails once a process has written 1 MB.
 FULL_DISK = """
 import errno, avs3d_bench.formats.files as files, avs3d_bench.formats.media as media
 written, original = 0, files.write_bytes
 def full(path, data):
     global written
     written += len(data)
-    if written > 3_000_000:
+    if written > 1_000_000:
         raise files.Avs3dError(files.os_error_line(OSError(errno.ENOSPC, "No space left on device"), path, "write"))
     original(path, data)
 files.write_bytes = media.write_bytes = full

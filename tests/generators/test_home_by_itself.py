@@ -292,6 +292,26 @@ def test_a_flat_is_the_one_that_a_manifest_caches(home: Home, tmp_path: Path, mo
     assert asked[0] == asked[1] != asked[2]
 
 
+def test_a_scan_whose_folder_has_moved_is_not_read_again_and_a_changed_one_is(tmp_path: Path) -> None:
+    from generators.homes.store import open_home
+    from generators.options import GenerateOptions
+    from generators.plan import make_plans, read_manifest
+    from tests.support.homes import write_manifest
+
+    def opened(folder: Path, *, changed: bool = False) -> Scene:
+        manifest = write_manifest(folder)
+        if changed:
+            data = (folder / "room.glb").read_bytes()
+            (folder / "room.glb").write_bytes(data.replace(b"mikedh", b"nobody", 1))
+        plan = make_plans(read_manifest(manifest), GenerateOptions(audio="analytic"))[0]
+        return open_home(plan, tmp_path)
+
+    first, moved, changed = opened(tmp_path / "a"), opened(tmp_path / "b"), opened(tmp_path / "c", changed=True)
+    assert [scene.stage and scene.stage.path.parent.name for scene in (first, moved, changed)] == ["a", "b", "c"]
+    assert moved.parts is first.parts
+    assert changed.parts is not first.parts
+
+
 def test_a_home_with_several_rooms_asks_for_one(home: Home) -> None:
     from dataclasses import replace
 

@@ -69,6 +69,12 @@ TOKENS = (
 )  # fmt: skip
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _loaded_modules() -> None:
+    """What is loaded once in a process is no matter of a manifest."""
+    assert make_plans(read_manifest(MANIFESTS / SEEDS[0]), GenerateOptions(audio="analytic"))
+
+
 @contextmanager
 def at_most(seconds: int) -> Iterator[None]:
     """Fail where the block takes longer."""
