@@ -149,7 +149,7 @@ def test_the_notebook_of_a_home_runs(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     notebook = nbformat.read(EXAMPLES / "hello_home.ipynb", as_version=4)
     for cell in notebook.cells:
-        cell.source = cell.source.replace("(384)", "(96)")
+        cell.source = cell.source.replace("(384)", "(96)").replace('("home.glb")', '("home.glb", texel=0.03)')
     nbclient.NotebookClient(
         notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}
     ).execute()
