@@ -10,6 +10,8 @@ import json
 import re
 import shutil
 from dataclasses import replace
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -89,6 +91,8 @@ def folder(desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of it for a page; the homes of all pages and other tests are baked once."""
     shutil.copytree(desk, tmp_path / "page")
     monkeypatch.setenv("AVS3D_CACHE", str(default_cache()))
+    if find_spec("numba") is not None:  # else kernels would be compiled again in each page's home folder
+        monkeypatch.setenv("NUMBA_CACHE_DIR", str(import_module("generators.core.jit").CACHE_FOLDER))
     for variable in ("HOME", "AVS3D_ASSETS"):
         monkeypatch.setenv(variable, str(tmp_path / "page" / variable))
     return tmp_path / "page"
