@@ -256,26 +256,27 @@ class HomeScene(PlacedScene):
     def _repr_jpeg_(self) -> bytes:
         return self.picture()._repr_jpeg_()
 
-    def export(self, path: str | Path, *, room: str | None = None) -> Path:
+    def export(self, path: str | Path, *, room: str | None = None, texel: float = 0.005) -> Path:
         """Write the scene as a GLB file with the light in its textures, for Blender, Habitat or a browser.
 
         Args:
             path: of the file, ``.glb``.
             room: whose exposure the whole file has; None: that of the first object, else of the largest room.
+            texel: the finest texel of what has light on it, metres; a file with coarser ones is smaller.
 
         Returns:
             The path.
 
         Raises:
             UsageError: if the name does not end in ``.glb``.
-            Avs3dError: if there is no such room, or the file cannot be written.
+            Avs3dError: if there is no such room, ``texel`` is no length, or the file cannot be written.
         """
         target = Path(path)
         if target.suffix.lower() != ".glb":
             raise UsageError(f"export: {target}; expected a name that ends in .glb")
         if room is None:
             room = self.placements[0].support.room if self.placements else largest(self.rooms)
-        write_glb(self.scene().for_room(room), target)
+        write_glb(self.scene().for_room(room), target, texel=texel)
         return target
 
 

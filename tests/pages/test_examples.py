@@ -7,7 +7,6 @@ import json
 import os
 import re
 import subprocess
-import sys
 import tarfile
 from pathlib import Path
 
@@ -19,6 +18,7 @@ import soundfile
 from avs3d_bench.dataset import Dataset
 from baselines.trivial import write_trivial
 from evaluators.score import evaluate
+from tests.support import warm
 from tests.support.one_core import keep_to_one_core
 from tests.support.shared import SharedDataset
 
@@ -34,7 +34,7 @@ def data(shared_dataset: SharedDataset) -> Path:
 def run(name: str, *arguments: object, folder: Path, code: int = 0) -> str:
     """What an example prints, run in ``folder``."""
     done = subprocess.run(
-        [sys.executable, str(EXAMPLES / name), *map(str, arguments)],
+        [*warm.python(), str(EXAMPLES / name), *map(str, arguments)],
         cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,
         timeout=600, preexec_fn=keep_to_one_core,
     )  # fmt: skip
@@ -149,7 +149,7 @@ def test_the_notebook_of_a_home_runs(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     notebook = nbformat.read(EXAMPLES / "hello_home.ipynb", as_version=4)
     for cell in notebook.cells:
-        cell.source = cell.source.replace("(384)", "(96)")
+        cell.source = cell.source.replace("(384)", "(96)").replace('("home.glb")', '("home.glb", texel=0.03)')
     nbclient.NotebookClient(
         notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}
     ).execute()

@@ -10,6 +10,8 @@ import json
 import re
 import shutil
 from dataclasses import replace
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -89,15 +91,18 @@ def folder(desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of it for a page; the homes of all pages and other tests are baked once."""
     shutil.copytree(desk, tmp_path / "page")
     monkeypatch.setenv("AVS3D_CACHE", str(default_cache()))
+    if find_spec("numba") is not None:  # else kernels would be compiled again in each page's home folder
+        monkeypatch.setenv("NUMBA_CACHE_DIR", str(import_module("generators.core.jit").CACHE_FOLDER))
     for variable in ("HOME", "AVS3D_ASSETS"):
         monkeypatch.setenv(variable, str(tmp_path / "page" / variable))
     return tmp_path / "page"
 
 
 def smaller(block: Block) -> Block:
-    """The block with at most 8 frames, and pictures of at most 252 pixels to a side, in Python 96."""
-    code = block.code
-    for option, most in (("--frames ", 8), ("--size ", 252), (r"from_fov\(", 96)):
+    """The block with at most 2 frames, pictures of at most 126 pixels to a side, in Python 64, and coarse exports."""
+    frames = 6 if "export seld" in block.code else 2  # a clip of stereo takes 5 s
+    code = re.sub(r"\.export\((\"[^\"]*\")\)", r".export(\1, texel=0.05)", block.code)
+    for option, most in (("--frames ", frames), ("--size ", 126), (r"from_fov\(", 64)):
         code = re.sub(rf"({option})(\d+)", lambda found, most=most: f"{found[1]}{min(int(found[2]), most)}", code)
     return replace(block, code=code)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ import click
 
 from avs3d_bench.cli import avs3d
 from evaluators.cli import evaluate
+from tests.support import warm
 from tests.support.one_core import keep_to_one_core
 
 ROOT = Path(__file__).parents[2]
@@ -107,13 +109,14 @@ def indented(page: Path) -> list[int]:
 
 def install_commands(folder: Path) -> None:
     """Write the commands of the project into a new folder; they use the packages that PYTHONPATH finds first."""
-    folder.mkdir()
-    commands = {
-        name: f"#!{sys.executable}\nfrom {module} import main\n\nif __name__ == '__main__':\n    main()\n"
-        for name, module in (("avs3d", "avs3d_bench.cli"), ("avs3d-eval", "evaluators.cli"))
-    }
-    for name, script in (commands | {"python": f'#!/bin/sh\nexec "{sys.executable}" "$@"\n'}).items():
-        (folder / name).write_text(script)
+    programs = folder / "programs"
+    programs.mkdir(parents=True)
+    start = shlex.join(warm.python())
+    for name, module in (("avs3d", "avs3d_bench.cli"), ("avs3d-eval", "evaluators.cli")):
+        (programs / name).write_text(f"from {module} import main\n\nif __name__ == '__main__':\n    main()\n")
+        (folder / name).write_text(f'#!/bin/sh\nexec {start} {shlex.quote(str(programs / name))} "$@"\n')
+    (folder / "python").write_text(f'#!/bin/sh\nexec {start} "$@"\n')
+    for name in ("avs3d", "avs3d-eval", "python"):
         (folder / name).chmod(0o755)
 
 
@@ -130,7 +133,7 @@ def run(block: Block, folder: Path) -> str:
     if block.language == "python":
         script = folder / ".block.py"
         script.write_text(block.code, encoding="utf-8")
-        command = [sys.executable, str(script)]
+        command = [*warm.python(), str(script)]
     path = os.pathsep.join([str(shims), str(Path(sys.executable).parent), os.environ["PATH"]])
     done = subprocess.run(
         command, cwd=folder, env=os.environ | {"PATH": path, "PYTHONPATH": str(ROOT)}, text=True, timeout=TIMEOUT,
