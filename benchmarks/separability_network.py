@@ -258,7 +258,10 @@ def _between(batch: Any, places: Any, dim: int) -> Any:
 
 
 def seen(batch: Any, training: Training) -> Any:
-    """What a network sees of spectrograms (n, 1, MELS, frames): (n, pictures, bands, frames), about −1 to 1 each."""
+    """What a network sees of spectrograms (n, 1, MELS, frames): (n, pictures, bands, frames).
+
+    A unit is 20 dB of ``level``, 10 dB of the others.
+    """
     import torch
 
     batch = batch[:, :, : int(np.ceil(band_of(training.highest_hz))) + 1]
