@@ -26,6 +26,7 @@ from avs3d_bench.formats.files import read_json, write_bytes
 from avs3d_bench.formats.media import read_record
 from baselines.references import REFERENCES
 from benchmarks import (
+    bandwidths,
     comparison_power,
     home_coverage,
     leaderboard_page,
@@ -186,6 +187,12 @@ class Results:
         report = self.json("separability")
         found = report.get("network", report["nearest neighbour"])["test"]["whole"]
         return text(["sounds \\ taken for", *CATEGORIES], separability.confusions_table(found))
+
+    def bandwidths(self) -> str:
+        """Bandwidth and floor of recordings and of voices."""
+        figures = ("takes", "bandwidth (kHz)", "floor (dB)")
+        head = ["category", *(f"{whose}: {one}" for whose in ("recordings", "voices") for one in figures)]
+        return text(head, bandwidths.table(self.json("bandwidths")))
 
     def listener_sounds(self) -> str:
         """Strict IoU of the listener with sounds of three origins."""
@@ -468,7 +475,9 @@ def blocks(docs: Path) -> dict[str, list[tuple[str, Callable[[], str]]]]:
             ("controls", own.sound_controls), ("sounds", own.listener_sounds),
         ],
         "docs/scans.md": [("scans", own.scans)],
-        "docs/sounds.md": [("separability", own.separability), ("confusions", own.confusions)],
+        "docs/sounds.md": [
+            ("separability", own.separability), ("confusions", own.confusions), ("bandwidths", own.bandwidths),
+        ],
         "docs/results-choice.md": [
             ("unseen twins", lambda: own.twins("cue-weights-unseen")), ("calibration", own.calibration),
             ("open twins", lambda: own.twins("cue-weights-open")), ("engines", own.engines), ("choice", own.choice),

@@ -60,20 +60,20 @@ class Training:
     width: int = 32
     dropout: float = 0.4
     decay: float = 2e-2
-    shift: float = 0.0
+    shift: float = 1.5
     tempo: float = 0.0
     response_db: float = 7.5
     tilt_db: float = 0.0
     ends: float = 0.5
     end_hz: float = 3000.0
     begins: float = 0.0
-    floors: float = 0.0
+    floors: float = 0.6
     floor_db: tuple[float, float] = (-50.0, -15.0)
     gates: float = 0.0
     mixed: float = 0.0
     hidden_time: float = 0.15
     hidden_bands: float = 0.0
-    depth_db: float = 100.0
+    depth_db: float = 60.0
     shows: tuple[str, ...] = ("level",)
     highest_hz: float = RANGE[1]
 
@@ -258,7 +258,10 @@ def _between(batch: Any, places: Any, dim: int) -> Any:
 
 
 def seen(batch: Any, training: Training) -> Any:
-    """What a network sees of spectrograms (n, 1, MELS, frames): (n, pictures, bands, frames), about −1 to 1 each."""
+    """What a network sees of spectrograms (n, 1, MELS, frames): (n, pictures, bands, frames).
+
+    A unit is 20 dB of ``level``, 10 dB of the others.
+    """
     import torch
 
     batch = batch[:, :, : int(np.ceil(band_of(training.highest_hz))) + 1]

@@ -40,19 +40,20 @@ def test_the_floor_is_the_level_of_the_quiet_moments() -> None:
 def test_takes_of_a_long_recording_are_few_and_a_short_one_is_one(tmp_path: Path) -> None:
     (tmp_path / "clock").mkdir()
     soundfile.write(tmp_path / "clock" / "long.wav", 0.1 * noise(45), RATE)
-    soundfile.write(tmp_path / "clock" / "short.wav", 0.1 * noise(2), RATE)
+    soundfile.write(tmp_path / "clock" / "short.wav", 0.1 * noise(2), 16_000)
     found = bandwidths.of_recordings([tmp_path])
     assert list(found) == ["clock"]
     assert np.shape(found["clock"]) == (bandwidths.TAKES + 1, 2)
+    assert found["clock"][-1][0] == 8.0, "a file of 16 kHz has nothing above 8"
 
 
 def test_every_category_counts_alike_and_stands_beside_its_recordings() -> None:
     voices = {"clock": [[5.0, -1.0]] * 9, "toilet": [[15.0, -3.0]]}
     report = {"voices": bandwidths.quartiles(voices), "recordings": bandwidths.quartiles({"clock": [[7.0, -20.0]] * 2})}
     assert report["voices"]["all"]["bandwidth"][1:4] == [5.0, 5.0, 15.0]
-    rows = bandwidths.table(report)
-    assert rows[0] == [
-        "clock",
+    rows = {row[0]: row[1:] for row in bandwidths.table(report)}
+    assert list(rows) == [*bandwidths.CATEGORIES, "all"]
+    assert rows["clock"] == [
         "2",
         "7.0 (7.0 to 7.0)",
         "-20.0 (-20.0 to -20.0)",
@@ -60,4 +61,5 @@ def test_every_category_counts_alike_and_stands_beside_its_recordings() -> None:
         "5.0 (5.0 to 5.0)",
         "-1.0 (-1.0 to -1.0)",
     ]
-    assert rows[1] == ["toilet", "0", "", "", "1", "15.0 (15.0 to 15.0)", "-3.0 (-3.0 to -3.0)"]
+    assert rows["toilet"] == ["0", "", "", "1", "15.0 (15.0 to 15.0)", "-3.0 (-3.0 to -3.0)"]
+    assert rows["telephone"] == ["0", "", "", "0", "", ""]
