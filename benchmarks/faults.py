@@ -31,7 +31,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
@@ -311,6 +311,11 @@ def reason_against(kind: str) -> str:
 # Trials
 
 
+def again(bench: Bench, root: Path, log: Path, options: list[str]) -> int:
+    """The same command again, with nothing in its way; its exit code."""
+    return end(start(command(bench, root, *options), log))
+
+
 def try_once(bench: Bench, kind: str, seed: int) -> Trial:
     """One trial: inject the fault, repeat the run until it succeeds, compare."""
     rng = random.Random(f"{kind} {seed}")
@@ -345,7 +350,7 @@ def judged(
         # (Dask's own processes print tracebacks of lost connections into the same log.)
         return verdict(False, reruns, f"a traceback: {said[-400:]}")
     while code != 0 and reruns < RERUNS:
-        code, reruns = end(start(command(bench, root, *options), log)), reruns + 1
+        code, reruns = again(bench, root, log, options), reruns + 1
     if code != 0:
         return verdict(False, reruns, f"still exit code {code}: {log.read_text(errors='replace')[-400:]}")
     found = tree_digest(root)
@@ -358,10 +363,16 @@ def judged(
     return verdict(True, reruns)
 
 
-def prepare(folder: Path) -> Bench:
-    """The manifest and an undisturbed run; its second repetition is timed, because the first one compiles."""
-    bench = Bench(write_manifest(folder), {}, 0.0, 0, folder)
-    for name in ("first", "second"):
+def prepare(folder: Path, names: Sequence[str] = ("first", "second"), **changes: object) -> Bench:
+    """The manifest and an undisturbed run; its last repetition is timed, because the first one compiles.
+
+    Args:
+        folder: of the trials.
+        names: of the repetitions.
+        changes: of the manifest.
+    """
+    bench = Bench(write_manifest(folder, **changes), {}, 0.0, 0, folder)
+    for name in names:
         root, log = folder / name / "data", folder / f"{name}.log"
         began = time.monotonic()
         if end(start(command(bench, root), log)) != 0:
