@@ -51,6 +51,8 @@ PATIENCE = 300.0
 #: Time limit of an observation in runs with a stopped worker: multiple of an undisturbed run's time, and minimum (s).
 #: (The limit of a home is ten times as long.)
 TIME_LIMIT, LEAST_LIMIT = 2.0, 5.0
+#: Of runs whose file system fails: what one worker meets there, two would meet.
+ALONE = ("--workers", "1")
 #: Largest number of repetitions of the same command.
 RERUNS = 3
 KILLS = ("worker", "client", "dask-worker", "dask-client", "dask-scheduler")
@@ -259,14 +261,14 @@ def mount(target: Path, *, size: int = 0, read_only: bool = False, again: bool =
 def fill_disk(bench: Bench, root: Path, log: Path, rng: random.Random, moment: float) -> int:
     # Not less than the run needs to say so: a page for each of its folders.
     mount(root.parent, size=max(64 * 1024, int(moment * bench.size)))
-    code = end(start(command(bench, root), log))
+    code = end(start(command(bench, root, *ALONE), log))
     mount(root.parent, size=8 * bench.size + 2**24, again=True)
     return code
 
 
 def turn_read_only(bench: Bench, root: Path, log: Path, rng: random.Random, moment: float) -> int:
     mount(root.parent, size=8 * bench.size + 2**24)
-    run = start(command(bench, root), log)
+    run = start(command(bench, root, *ALONE), log)
     wait_until(time.monotonic() + moment * bench.seconds, run)
     while run.poll() is None:
         with suppress(OSError):  # a file is still open for writing: try again
