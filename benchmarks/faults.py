@@ -31,7 +31,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
@@ -51,6 +51,8 @@ PATIENCE = 300.0
 #: Time limit of an observation in runs with a stopped worker: multiple of an undisturbed run's time, and minimum (s).
 #: (The limit of a home is ten times as long.)
 TIME_LIMIT, LEAST_LIMIT = 2.0, 5.0
+#: Of runs whose file system fails: what one worker meets there, two would meet.
+ALONE = ("--workers", "1")
 #: Largest number of repetitions of the same command.
 RERUNS = 3
 KILLS = ("worker", "client", "dask-worker", "dask-client", "dask-scheduler")
@@ -259,14 +261,14 @@ def mount(target: Path, *, size: int = 0, read_only: bool = False, again: bool =
 def fill_disk(bench: Bench, root: Path, log: Path, rng: random.Random, moment: float) -> int:
     # Not less than the run needs to say so: a page for each of its folders.
     mount(root.parent, size=max(64 * 1024, int(moment * bench.size)))
-    code = end(start(command(bench, root), log))
+    code = end(start(command(bench, root, *ALONE), log))
     mount(root.parent, size=8 * bench.size + 2**24, again=True)
     return code
 
 
 def turn_read_only(bench: Bench, root: Path, log: Path, rng: random.Random, moment: float) -> int:
     mount(root.parent, size=8 * bench.size + 2**24)
-    run = start(command(bench, root), log)
+    run = start(command(bench, root, *ALONE), log)
     wait_until(time.monotonic() + moment * bench.seconds, run)
     while run.poll() is None:
         with suppress(OSError):  # a file is still open for writing: try again
@@ -311,6 +313,11 @@ def reason_against(kind: str) -> str:
 # Trials
 
 
+def again(bench: Bench, root: Path, log: Path, options: list[str]) -> int:
+    """The same command again, with nothing in its way; its exit code."""
+    return end(start(command(bench, root, *options), log))
+
+
 def try_once(bench: Bench, kind: str, seed: int) -> Trial:
     """One trial: inject the fault, repeat the run until it succeeds, compare."""
     rng = random.Random(f"{kind} {seed}")
@@ -345,7 +352,7 @@ def judged(
         # (Dask's own processes print tracebacks of lost connections into the same log.)
         return verdict(False, reruns, f"a traceback: {said[-400:]}")
     while code != 0 and reruns < RERUNS:
-        code, reruns = end(start(command(bench, root, *options), log)), reruns + 1
+        code, reruns = again(bench, root, log, options), reruns + 1
     if code != 0:
         return verdict(False, reruns, f"still exit code {code}: {log.read_text(errors='replace')[-400:]}")
     found = tree_digest(root)
@@ -358,10 +365,16 @@ def judged(
     return verdict(True, reruns)
 
 
-def prepare(folder: Path) -> Bench:
-    """The manifest and an undisturbed run; its second repetition is timed, because the first one compiles."""
-    bench = Bench(write_manifest(folder), {}, 0.0, 0, folder)
-    for name in ("first", "second"):
+def prepare(folder: Path, names: Sequence[str] = ("first", "second"), **changes: object) -> Bench:
+    """The manifest and an undisturbed run; its last repetition is timed, because the first one compiles.
+
+    Args:
+        folder: of the trials.
+        names: of the repetitions.
+        changes: of the manifest.
+    """
+    bench = Bench(write_manifest(folder, **changes), {}, 0.0, 0, folder)
+    for name in names:
         root, log = folder / name / "data", folder / f"{name}.log"
         began = time.monotonic()
         if end(start(command(bench, root), log)) != 0:

@@ -31,7 +31,7 @@ from avs3d_bench.runtime.parallel import process_each
 from benchmarks.unseen_homes import ROOMS, home_of, plans_of, sample_manifest
 from generators.core.rays import RayCaster
 from generators.core.scene import Scene
-from generators.observation.arrangement import arrange, draw_sounding
+from generators.observation.arrangement import arrange, draw_sounding, place_objects
 from generators.observation.surface_points import SurfaceSampler
 from generators.paths.trajectory import WalkTask, plan_walk
 from generators.placement.placement import Placement
@@ -91,6 +91,12 @@ class Seen:
     in_view: Array
 
 
+@lru_cache(maxsize=1)
+def caster_of(home: Scene) -> RayCaster:
+    """Rays against a home, whose surfaces are sorted once for all of its observations."""
+    return RayCaster(home)
+
+
 @lru_cache(maxsize=len(ROOMS))
 def site_of(home: Scene, room: str) -> Site:
     """A room of a home, measured once for all of its observations."""
@@ -105,25 +111,27 @@ def observe(plan: ObservationPlan, size: int, *, biased: bool = False) -> Seen |
         size: of the pictures, pixels.
         biased: plan the walk only for the sounding object, as a positive control of this experiment.
     """
-    home, camera = home_of(plan, plain=True), plan.camera
+    home = home_of(plan, plain=True)
     try:
         site = site_of(home, plan.spec.room)
-        seen = arrange(plan, home, site=site)
-        sounding = draw_sounding(plan, seen.placements)
-        poses: Sequence[Pose] = seen.poses
         if biased:
-            task = WalkTask(site, seen.placements, frames=camera.frames, watched=[sounding - 1])
-            poses = plan_walk(task, plan.rng("path")).poses
+            placements, _ = place_objects(plan, site)
+            watched = [draw_sounding(plan, placements) - 1]
+            task = WalkTask(site, placements, frames=plan.camera.frames, watched=watched)
+            poses: Sequence[Pose] = plan_walk(task, plan.rng("path")).poses
+        else:
+            seen = arrange(plan, home, site=site)
+            placements, poses = seen.placements, seen.poses
     except Avs3dError:
         return None
-    ids, points = _pictures(plan, home, seen.placements, poses, size)
-    everyone = range(1, len(seen.placements) + 1)
+    ids, points = _pictures(plan, home, placements, poses, size)
+    everyone, sounding = range(1, len(placements) + 1), draw_sounding(plan, placements)
     if plan.spec.part == "part_2":
-        candidates = [n for n in everyone if seen.placements[n - 1].model.category == plan.spec.category]
+        candidates = [n for n in everyone if placements[n - 1].model.category == plan.spec.category]
     else:
         able = class_ids(plan.own_categories or ())
-        candidates = [n for n in everyone if seen.placements[n - 1].model.category in able]
-    features = np.array([_features(n, ids, poses, seen.placements, points) for n in candidates])
+        candidates = [n for n in everyone if placements[n - 1].model.category in able]
+    features = np.array([_features(n, ids, poses, placements, points) for n in candidates])
     in_view = np.array([(ids == n).any(axis=(1, 2)).mean() for n in everyone])
     return Seen(plan.spec.part, plan.spec.scan, plan.key, features, candidates.index(sounding), in_view)
 
@@ -132,24 +140,29 @@ def _pictures(
     plan: ObservationPlan, home: Scene, placements: Sequence[Placement], poses: Sequence[Pose], size: int
 ) -> tuple[NDArray[np.uint16], Array]:
     """(n, size, size) instance ids and (P, 3) sparse points, which are drawn as the generator draws them."""
-    scene = home.with_parts(tuple(p.part(n) for n, p in enumerate(placements, start=1)))
-    caster, camera = RayCaster(scene), Intrinsics.from_fov(size, plan.camera.hfov)
-    number = np.array([part.instance_id for part in scene.parts], dtype=np.uint16)
+    parts = [placement.part(number) for number, placement in enumerate(placements, start=1)]
+    room, objects = caster_of(home), RayCaster(np.concatenate([part.mesh.positions for part in parts]))
+    number = np.repeat([part.instance_id for part in parts], [len(part.mesh.positions) for part in parts])
+    camera = Intrinsics.from_fov(size, plan.camera.hfov)
     u, v = np.meshgrid(np.arange(size) + 0.5, np.arange(size) + 0.5)
     rays = np.stack([(u - camera.cx) / camera.fx, -(v - camera.cy) / camera.fy, -np.ones_like(u)], axis=-1)
     sampler = SurfaceSampler(camera, plan.rng("points"))
     ids = np.zeros((len(poses), size, size), dtype=np.uint16)
     for index, pose in enumerate(poses):
         ways = rays.reshape(-1, 3) @ pose.rotation_matrix.T
-        depth, face = caster.closest(np.broadcast_to(np.asarray(pose.position), ways.shape), ways)
-        hit = face >= 0
-        flat = np.zeros(size * size, dtype=np.uint16)
-        flat[hit] = number[caster.face_part[face[hit]]]
-        ids[index] = flat.reshape(size, size)
-        shown = np.where(hit, depth, 0.0).astype(np.float32).reshape(size, size)
+        behind, _ = room.closest(pose.position, ways)
+        depth, face = objects.closest(pose.position, ways)
+        ids[index] = np.where(depth < behind, number[face], 0).reshape(size, size)
+        nearest = np.minimum(depth, behind)
+        shown = np.where(np.isfinite(nearest), nearest, 0.0).astype(np.float32).reshape(size, size)
         sampler.add(RenderedView(np.zeros((size, size, 3), dtype=np.uint8), shown, ids[index]), pose)
-    linked = sampler.link(poses, lambda _, origins, ways, distance: caster.occluded(origins, ways, distance))
-    return ids, linked.positions
+
+    def hidden(_: int, origins: Array, ways: Array, distance: Array) -> NDArray[np.bool_]:
+        found = objects.occluded(origins, ways, distance)
+        found[~found] = room.occluded(origins[~found], ways[~found], distance[~found])
+        return found
+
+    return ids, sampler.link(poses, hidden).positions
 
 
 def _features(

@@ -355,11 +355,12 @@ def test_the_command_prints_a_table_and_writes_the_pinned_keys(
 
 
 @pytest.mark.slow
-def test_the_table_fits_eighty_columns(data: Path, tmp_path: Path):
-    environment = os.environ | {"COLUMNS": "80"}
-    submission = submit(tmp_path / "s", data, shifted)
-    call = [sys.executable, "-c", "from evaluators.cli import main; main()", str(submission), "--dataset", str(data)]
-    said = subprocess.run(call, capture_output=True, text=True, env=environment, check=True).stdout
+def test_the_table_fits_eighty_columns(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("COLUMNS", "80")
+    code, said, _ = run(capsys, submit(tmp_path / "s", data, shifted), "--dataset", data)
+    assert code == 0
     assert "…" not in said
     assert max(map(len, said.splitlines())) <= 80
 
@@ -548,9 +549,16 @@ def test_a_terminal_that_knows_ascii_only(data: Path, tmp_path: Path):
 
 
 @pytest.mark.slow
-def test_a_narrow_terminal_loses_no_figure(data: Path, tmp_path: Path):
+def test_a_narrow_terminal_loses_no_figure(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
     submission = submit(tmp_path / "s", data, shifted)
-    wide, narrow = (shell(submission, data, COLUMNS=str(columns)).communicate()[0] for columns in (120, 40))
+    said = {}
+    for columns in (120, 40):
+        monkeypatch.setenv("COLUMNS", str(columns))
+        said[columns] = run(capsys, submission, "--dataset", data)[1]
+    wide, narrow = said[120], said[40]
+    assert len(wide.splitlines()) < len(narrow.splitlines())
     assert "…" not in narrow
     assert narrow.split() == wide.split()
 

@@ -95,11 +95,11 @@ def test_sampled_homes_are_unseen_and_follow_from_the_seed() -> None:
 @pytest.mark.slow
 def test_rules_that_cannot_hear_stay_at_chance() -> None:
     """Several dozen rules and parts: one of them may exceed the limit by chance, but not again on other homes."""
-    seen = survey(OBSERVATIONS, homes=HOMES, seed=SEEDS[0])
+    seen = survey(OBSERVATIONS, homes=HOMES, seed=SEEDS[0], workers=1)
     assert len(seen) >= 0.9 * OBSERVATIONS
     leaks = {(v.part, v.rule) for v in judge(seen) if v.leaks}
     if leaks:
-        again = judge(survey(OBSERVATIONS, homes=HOMES, seed=SEEDS[1]))
+        again = judge(survey(OBSERVATIONS, homes=HOMES, seed=SEEDS[1], workers=1))
         leaks &= {(v.part, v.rule) for v in again if v.leaks}
     assert leaks == set()
     share = np.concatenate([each.in_view for each in seen])
@@ -137,5 +137,5 @@ def test_rules_that_cannot_hear_stay_at_chance_in_real_scans() -> None:
 @pytest.mark.slow
 def test_a_walk_planned_for_the_sounding_object_alone_is_caught() -> None:
     """The negative control: the same survey with walks as they must not be."""
-    seen = survey(12, homes=2, seed=1, parts=["part_2"], biased=True)
+    seen = survey(12, homes=2, seed=1, parts=["part_2"], workers=1, biased=True)
     assert {"share of frames in view", "centrality where in view"} & {v.rule for v in judge(seen) if v.leaks}
