@@ -43,8 +43,8 @@ MARKED = {
 #: Files whose runs on one worker have no process of their own. What a process is for, others test (test_generate).
 HERE = {
     "test_distractors", "test_generate_shards", "test_generation", "test_library_generate", "test_motion",
-    "test_output_options", "test_part_3", "test_receivers_run", "test_regenerate", "test_remake", "test_sweep",
-    "test_takes", "test_variants",
+    "test_output_options", "test_part_3", "test_receivers_run", "test_regenerate", "test_remake", "test_scan_command",
+    "test_splats_scan", "test_sweep", "test_takes", "test_variants",
 }  # fmt: skip
 
 
