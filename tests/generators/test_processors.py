@@ -30,7 +30,7 @@ from tests.support.here import generated_here
 
 with generated_here():
     for engine in {ENGINES}:
-        generate(sys.argv[1], f"{{sys.argv[2]}}/{{engine}}", audio=engine, workers=1, progress=False, extras=("depth", "rirs"))
+        generate(sys.argv[1], f"{{sys.argv[2]}}/{{engine}}", audio=engine, workers=1, extras=("depth", "rirs"))
 """
 
 
