@@ -44,8 +44,8 @@ MARKED = {
 HERE = {
     "test_distractors", "test_generate_shards", "test_generation", "test_library_generate", "test_motion",
     "test_moving_together", "test_output_options", "test_part_3", "test_receivers_run", "test_regenerate",
-    "test_remake", "test_sealed_attacks", "test_sealed_run", "test_sweep", "test_takes", "test_top_view",
-    "test_variants",
+    "test_remake", "test_scan_command", "test_sealed_attacks", "test_sealed_run", "test_splats_scan", "test_sweep",
+    "test_takes", "test_top_view", "test_variants",
 }  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,6 +86,13 @@ class SideLevel:
     broad: int
 
 
+@cache
+def _hanning(count: int) -> NDArray[np.float64]:
+    """(count,) the window; a dataset has thousands of clips of one length."""
+    return np.hanning(count)
+
+
+@cache
 def _band_sums() -> NDArray[np.float64]:
     """(bins, bands) 1 where a bin of a window's spectrum is in a band."""
     bins = np.digitize(np.fft.rfftfreq(_WINDOW, 1 / layout.SAMPLE_RATE), _EDGES)
@@ -99,7 +106,7 @@ def _own_power(samples: NDArray[np.floating]) -> NDArray[np.float64]:
     the clip it does not.
     """
     count = samples.shape[1]
-    spectrum = np.square(np.abs(np.fft.rfft(samples * np.hanning(count)))).sum(axis=0)
+    spectrum = np.square(np.abs(np.fft.rfft(samples * _hanning(count)))).sum(axis=0)
     edges = np.searchsorted(np.fft.rfftfreq(count, 1 / layout.SAMPLE_RATE), _EDGES)
     return np.asarray(np.add.reduceat(spectrum, edges)[:-1])
 
@@ -110,7 +117,7 @@ def side_level(samples: NDArray[np.floating]) -> SideLevel | None:
     Onset: the part of a band's power in a window that exceeds what is left of the loudest power before it.
     """
     windows = np.lib.stride_tricks.sliding_window_view(samples, _WINDOW, axis=1)[:, ::_HOP]
-    spectra = np.fft.rfft(windows * np.hanning(_WINDOW), axis=-1)
+    spectra = np.fft.rfft(windows * _hanning(_WINDOW), axis=-1)
     power = (np.square(spectra.real) + np.square(spectra.imag)) @ _band_sums()  # (2, windows, bands)
     total = power.sum(axis=0)
     fall = 10.0 ** (-6.0 * np.arange(len(total)) * _HOP / layout.SAMPLE_RATE / _FALL)[:, None]

@@ -26,6 +26,7 @@ from avs3d_bench.validation.interaural import (
     tonal,
 )
 from avs3d_bench.validation.sound import BinauralClip
+from generators.acoustics.base import BatchSession
 from generators.acoustics.clips import receiver_clip
 from generators.acoustics.materials import spectral_label
 from generators.assets.sounds import synthesise
@@ -94,8 +95,11 @@ def responses(engine: str, room: str) -> tuple[tuple[Pose, NDArray[np.float32]],
     size, absorption, source = ROOMS[room]
     label = spectral_label((absorption,) * 6, (0.3,) * 6)
     session = acoustic_backend(EngineOptions(audio=engine)).open(box_scene(size, label=label), source, room="kitchen")
+    poses = path(size, source)
+    if isinstance(session, BatchSession):
+        session.prepare(poses)
     try:
-        return tuple((pose, session.impulse_response(pose)) for pose in path(size, source))
+        return tuple((pose, session.impulse_response(pose)) for pose in poses)
     finally:
         session.close()
 

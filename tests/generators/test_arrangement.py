@@ -66,7 +66,7 @@ def test_which_twin_sounds_changes_no_picture(tmp_path: Path, monkeypatch: pytes
 
 @pytest.mark.slow
 def test_sparse_points_of_a_moving_source_are_missing_on_every_object(tmp_path: Path) -> None:
-    plan = plan_of(tmp_path, frames=16, category="telephone", silent=["microwave"], source_motion="path")
+    plan = plan_of(tmp_path, frames=8, category="telephone", silent=["microwave"], source_motion="path")
     generate_observation(plan, tmp_path / "out", tmp_path / "cache")
     (seen,) = [o for o in Dataset(tmp_path / "out") if o.key == plan.key]
     points = seen.colmap.points.positions

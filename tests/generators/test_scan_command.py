@@ -92,7 +92,7 @@ def test_every_part_is_in_the_manifest_with_voices_of_the_test_split(folder: Pat
 
 @pytest.mark.slow
 def test_it_generates_at_once(folder: Path) -> None:
-    words = ["generate", folder / "my_room.yaml", "-o", folder / "data", "--frames", 8, "--size", 64]
+    words = ["generate", folder / "my_room.yaml", "-o", folder / "data", "--frames", 4, "--size", 64]
     with pytest.raises(SystemExit) as end:
         main([*map(str, words), "--audio", "analytic", "--workers", "1", "--cache", str(folder / "cache")])
     assert not end.value.code

@@ -373,6 +373,7 @@ BOX = {"living_room": [ROOM.low, ROOM.high]}
 def times(scene: Scene) -> float:
     session = TracerBackend().open(scene, (3.0, 1.2, 4.2), room="living_room")
     poses = [Pose.from_yaw(at, 0.0) for at in ((1.0, 1.5, 1.0), (3.0, 1.5, 1.0), (1.0, 1.5, 4.0))]
+    session.prepare(poses)
     time = reverberation_time([session.impulse_response(pose) for pose in poses], session.sample_rate)
     session.close()
     assert time is not None
@@ -432,8 +433,12 @@ def test_exchanged_channels_are_caught_in_a_real_room() -> None:
     session = TracerBackend().open(load_scan("room", REAL, REAL_ROOMS), (0.6, -0.6, 0.9), room="living_room")
     rng, noise = np.random.default_rng(1), np.random.default_rng(2).normal(size=layout.BINAURAL_SAMPLES)
     levels, sines, exchanged = [], [], []
-    for _ in range(16):
-        pose = Pose.from_yaw((rng.uniform(-0.6, 0.4), -0.15, rng.uniform(-0.8, 0.6)), rng.uniform(-np.pi, np.pi))
+    poses = [
+        Pose.from_yaw((rng.uniform(-0.6, 0.4), -0.15, rng.uniform(-0.8, 0.6)), rng.uniform(-np.pi, np.pi))
+        for _ in range(16)
+    ]
+    session.prepare(poses)
+    for pose in poses:
         response = session.impulse_response(pose)
         clip = np.stack([fftconvolve(noise, channel)[: len(noise)] for channel in response])
         levels.append(side_level(clip))

@@ -7,12 +7,11 @@ derived from the analogue prototypes of those coefficients, so that the weightin
 from __future__ import annotations
 
 import math
-from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d
-from scipy.signal import fftconvolve, resample_poly, sosfilt
+from scipy.signal import fftconvolve, firwin, resample_poly, sosfilt
 
 Array = NDArray[np.float64]
 
@@ -24,6 +23,14 @@ CEILING_DB = -1.0
 _BLOCK, _OVERLAP = 0.4, 4
 _ABSOLUTE_GATE, _RELATIVE_GATE = -70.0, -10.0
 _OVERSAMPLING = 4
+#: The filter of the oversampling, that of `scipy.signal.resample_poly`, and what it can make of each of the magnitudes
+#: round a sample: the largest of its phases, and a little for rounding.
+_FINE = firwin(20 * _OVERSAMPLING + 1, 1 / _OVERSAMPLING, window=("kaiser", 5.0))
+_PHASES = np.pad(_FINE * _OVERSAMPLING, (0, _OVERSAMPLING - 1)).reshape(-1, _OVERSAMPLING)
+_MOST = (1 + 1e-9) * np.abs(_PHASES).max(axis=1)
+#: Stretches that are nearer to each other than this are oversampled as one; at most so many samples at once, with such
+#: a margin.
+_NEAR, _CHUNK, _MARGIN = 1 << 11, 1 << 18, 64
 
 
 def k_weighting(sample_rate: int) -> Array:
@@ -74,24 +81,42 @@ def integrated_loudness(signal: NDArray[np.floating], sample_rate: int) -> float
     return level(float(loud[loud > 10 ** ((gate + 0.691) / 10)].mean()))
 
 
-def true_peak_envelope(signal: NDArray[np.floating]) -> Array:
-    """(n,) largest magnitude of the four-fold oversampled signal round each sample (BS.1770-4 annex 2)."""
+def true_peak_envelope(signal: NDArray[np.floating], least: float = 0.0) -> Array:
+    """(n,) largest magnitude of the four-fold oversampled signal round each sample (BS.1770-4 annex 2).
+
+    Args:
+        signal: (n,).
+        least: where the oversampled signal cannot exceed this, the magnitude of the sample itself will do: most samples
+            are far below the ceiling of a limiter.
+    """
     samples = np.asarray(signal, dtype=np.float64)
-    out = np.empty(len(samples))
-    chunk, edge = 1 << 18, 64
-    for start in range(0, len(samples), chunk):
-        stop = min(start + chunk, len(samples))
-        low, high = max(0, start - edge), min(len(samples), stop + edge)
-        fine = np.abs(resample_poly(samples[low:high], _OVERSAMPLING, 1)).reshape(-1, _OVERSAMPLING)
-        # Column by column: along rows of four, numpy takes several times as long.
-        out[start:stop] = reduce(np.maximum, fine[start - low : stop - low].T)
-    return np.maximum(out, np.abs(samples))
+    out = np.abs(samples)
+    for start, stop in _stretches(out, least):
+        low, high = max(0, start - _MARGIN), min(len(samples), stop + _MARGIN)
+        fine = np.abs(resample_poly(samples[low:high], _OVERSAMPLING, 1, window=_FINE))  # type: ignore[call-overload]
+        own = slice(start - low, stop - low)
+        for phase in range(_OVERSAMPLING):
+            np.maximum(out[start:stop], fine[phase::_OVERSAMPLING][own], out=out[start:stop])
+    return out
+
+
+def _stretches(magnitudes: Array, least: float) -> list[tuple[int, int]]:
+    """First sample and end of the stretches beyond which the oversampled signal stays at or below ``least``."""
+    if not len(magnitudes):
+        return []
+    half = len(_MOST) // 2
+    at = np.flatnonzero(np.convolve(magnitudes, _MOST)[half : half + len(magnitudes)] > least)
+    if not len(at):
+        return []
+    gaps = np.flatnonzero(np.diff(at) > _NEAR)
+    runs = zip(at[np.append(0, gaps + 1)].tolist(), at[np.append(gaps, -1)].tolist(), strict=True)
+    return [(k, min(k + _CHUNK, last + 1)) for first, last in runs for k in range(first, last + 1, _CHUNK)]
 
 
 def limit(signal: NDArray[np.floating], sample_rate: int, ceiling: float) -> Array:
     """Look-ahead limiter: smoothly reduces the gain from 4 ms before to 4 ms after each peak above ``ceiling``."""
     samples = np.asarray(signal, dtype=np.float64)
-    envelope = true_peak_envelope(samples)
+    envelope = true_peak_envelope(samples, ceiling)
     if envelope.max(initial=0.0) <= ceiling:
         return samples
     reach = max(1, round(0.004 * sample_rate))

@@ -7,6 +7,7 @@ own. Neither is sRGB.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import cv2
@@ -49,17 +50,22 @@ def normal_map(height: Field, metres: float, tilt: Field | None = None) -> Image
     small = _reduced(height)
     pitch = metres / small.shape[1]
     wide = np.pad(small, 1, mode="wrap")
-    normal = np.ones((*small.shape, 3), dtype=np.float32)
-    normal[..., 0] = (wide[1:-1, :-2] - wide[1:-1, 2:]) / (2 * pitch)
-    normal[..., 1] = (wide[2:, 1:-1] - wide[:-2, 1:-1]) / (2 * pitch)
+    x = (wide[1:-1, :-2] - wide[1:-1, 2:]) / (2 * pitch)
+    y = (wide[2:, 1:-1] - wide[:-2, 1:-1]) / (2 * pitch)
     if tilt is not None:
-        normal[..., :2] -= _reduced(tilt)
-    normal /= np.sqrt((normal * normal).sum(axis=2, keepdims=True))
-    code = (normal + 1) * 127.5
-    code[..., :2] += _dither(*small.shape)[..., None] - 0.5
-    return np.asarray(np.rint(code), dtype=np.uint8)
+        further = _reduced(tilt)
+        x -= further[..., 0]
+        y -= further[..., 1]
+    length = np.sqrt(x * x + y * y + 1)
+    dither = _dither(*small.shape) - 0.5
+    pixels = np.empty((*small.shape, 3), dtype=np.uint8)
+    pixels[..., 0] = np.rint((x / length + 1) * 127.5 + dither)
+    pixels[..., 1] = np.rint((y / length + 1) * 127.5 + dither)
+    pixels[..., 2] = np.rint((1 / length + 1) * 127.5)
+    return pixels
 
 
+@lru_cache(maxsize=4)
 def _dither(height: int, width: int) -> F32:
     """(H, W) in [0, 1): a step of a byte is .45°, which a polished tile would show as facets; so neighbours differ.
 

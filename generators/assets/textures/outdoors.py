@@ -57,12 +57,12 @@ class _Canvas:
 
     def row(self, y: float) -> int:
         """The row at the height ``y``."""
-        return int(np.clip(np.rint(self.horizon - y * self.scale), 0, self.height))
+        return min(max(round(self.horizon - y * self.scale), 0), self.height)
 
     def fill(self, x: tuple[float, float], y: tuple[float, float], colour: Field) -> None:
         """A rectangle of one colour (3,), at least a pixel wide and high."""
-        first = int(np.rint(x[0] * self.scale))
-        columns = np.arange(first, max(int(np.rint(x[1] * self.scale)), first + 1)) % self.width
+        first = round(x[0] * self.scale)
+        columns = np.arange(first, max(round(x[1] * self.scale), first + 1)) % self.width
         top = self.row(y[1])
         self.light[top : max(self.row(y[0]), top + 1), columns] = colour
 
