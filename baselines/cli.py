@@ -358,7 +358,7 @@ def denseav(
     "--sound", "hearing", type=click.Choice(_SOUND_CONTROLS), default="own", show_default=True, help=_SOUND_HELP
 )  # fmt: skip
 @click.option(
-    "--soft-masks", "soft", type=PATH, default=None, metavar="FOLDER",
+    "--soft-masks", "soft", type=OUTPUT_FOLDER, default=None, metavar="FOLDER",
     help="Also write the probability of each pixel, as PNG with 8 bits of grey, for `avs3d metrics --soft`.",
 )  # fmt: skip
 def listener(

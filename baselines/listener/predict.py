@@ -29,7 +29,7 @@ from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.dataset import Dataset, Frame
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats.media import write_png_categories
-from avs3d_bench.formats.staging import refuse_strange, staged_folder
+from avs3d_bench.formats.staging import staged_folder
 from avs3d_bench.method import Method, write_submission
 from avs3d_bench.submission import Prediction, SubmissionWriter
 from baselines.listener.masks import (
@@ -224,15 +224,10 @@ def write_soft_mask(folder: Path, frame: Frame, odds: NDArray[np.float32]) -> No
     write_png_categories(path, np.round(255 * expit(odds)).astype(np.uint8))
 
 
-def _check_soft(overwrite: bool, folder: Path) -> None:
-    """Refuse a folder for soft masks that holds anything else, or, unless they may be replaced, anything."""
-    if not folder.exists():
-        return
-    if not folder.is_dir():
-        raise UsageError(f"{folder}: found a file, expected a folder for soft masks; choose another name")
-    refuse_strange(folder, (f"part_[123]/*/*/*/{layout.SUBMISSION_MASKS}/frame_*.png",))
-    if not overwrite and any(folder.iterdir()):
-        raise UsageError(f"{folder}: holds soft masks; choose another folder, or overwrite them (--overwrite)")
+def _check_soft(folder: Path) -> None:
+    """Refuse a folder for soft masks that holds anything: whose they are, no file of it says."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise UsageError(f"{folder}: exists; soft masks are written into a new or an empty folder, choose another name")
 
 
 def _where(frame: Frame) -> str:
@@ -332,8 +327,8 @@ def write_listener(
         only: shell patterns of observation keys.
         overwrite: replace an existing submission.
         progress: show a bar on stderr.
-        soft: folder for soft masks, which are no part of the submission: ``KEY/masks/frame_000.png`` with the
-            probability of each pixel of each test frame as 8 bits of grey; None: none are written.
+        soft: new or empty folder for soft masks, which are no part of the submission: ``KEY/masks/frame_000.png`` with
+            the probability of each pixel of each test frame as 8 bits of grey; None: none are written.
 
     Returns:
         The writer; its attributes describe what was written.
@@ -351,7 +346,7 @@ def write_listener(
     """
     name = ", ".join(filter(None, ("Listener", SAID[model.hearing])))
     with ExitStack() as stack:
-        root = None if soft is None else stack.enter_context(staged_folder(soft, partial(_check_soft, overwrite)))
+        root = None if soft is None else stack.enter_context(staged_folder(soft, _check_soft))
         predict = partial(model.predictions, soft=root)
         method = Method(name, predict, notes=model.notes, entry="baselines.listener.predict:write_listener")
         return write_submission(dataset, path, method, only=only, overwrite=overwrite, progress=progress)

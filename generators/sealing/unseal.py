@@ -157,7 +157,10 @@ def _opened(public: Path, private: Path, seal: SealRecord, again: Again) -> tupl
     else:
         plans = {plan.key: plan for plan in make_plans(source, GenerateOptions(audio="analytic"))}
         try:
-            digests = {plan.key: plan.digest for plan in make_plans(source, replace(_options(seal, again), only=()))}
+            made = make_plans(source, replace(_options(seal, again), only=()))
+            for plan in made:
+                plan.check_files()  # a missing one counts in the digest, too
+            digests = {plan.key: plan.digest for plan in made}
         except Avs3dError as error:
             notes.append(f"plan_sha256 not compared: {error}")
     return Opened(public, private, seal, source.manifest, plans, digests), tuple(notes)

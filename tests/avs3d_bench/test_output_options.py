@@ -134,6 +134,11 @@ OUTPUTS = {
     ("baseline listener", "path"): Case(
         f"baseline listener {_BASELINE} --weights listener.safetensors --looks one --device cpu", reruns=False
     ),
+    ("baseline listener", "soft"): Case(
+        "baseline listener --dataset data -o marked --overwrite --only part_1/* --weights listener.safetensors "
+        "--looks one --device cpu --soft-masks OUT",
+        reruns=False,
+    ),
     ("baseline owod-bind", "path"): Case(f"baseline owod-bind {_BASELINE}", takes=("submission.json",), alone=True),
     ("baseline denseav", "path"): Case(f"baseline denseav {_BASELINE}", takes=("submission.json",), alone=True),
     ("baseline foundation", "path"): Case(f"baseline foundation {_BASELINE}", takes=("submission.json",), alone=True),

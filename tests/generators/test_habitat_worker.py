@@ -19,10 +19,9 @@ import pytest
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics
-from generators.core.freespace import FreeSpace
+from generators.core.freespace import FreeSpace, Navigable
 from generators.core.tone import srgb_decode, srgb_encode
 from generators.vision import habitat_worker
-from generators.vision.base import Navigable
 from generators.vision.embree import EmbreeBackend
 from generators.vision.habitat import HabitatBackend, probe
 from generators.vision.habitat_process import (

@@ -263,6 +263,8 @@ def test_option(home: tuple[Desk, str]) -> None:
     opening = "avs3d unseal sealed --secret sealed/secret --regenerate"
     opened = desk.run("bash", "-ec", f"export AVS3D_SCANS=$PWD; {sealing}; {opening}")
     assert "1 generated again: all as committed to" in opened
+    without = desk.run("avs3d", "unseal", "sealed", "--secret", "sealed/secret")
+    assert re.search(r"plan_sha256 not compared: \S+room.glb: scan home_1 not", without)
     pycolmap = pytest.importorskip("pycolmap", reason="reads the sparse model back; it is in the dev extra")
     model = pycolmap.Reconstruction(grey.path / "sparse/0")
     assert len(model.points3D) > 20
