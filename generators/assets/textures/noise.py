@@ -158,9 +158,9 @@ def cells(rng: np.random.Generator, shape: tuple[int, int], count: int) -> tuple
 
 def cells_of(seeds: Field, shape: tuple[int, int]) -> tuple[NDArray[np.int64], Field, Field]:
     """Voronoi cells of given seeds (N, 2: x, y in pixels): id, and distance to the nearest and second nearest seed."""
-    height, width = shape
     from scipy.spatial import cKDTree
 
+    height, width = shape
     tree = cKDTree(np.mod(seeds, (width, height)), boxsize=np.array([width, height]))
     y, x = np.meshgrid(np.arange(height) + 0.5, np.arange(width) + 0.5, indexing="ij")
     found = tree.query(np.stack([x.ravel(), y.ravel()], axis=1), k=2)
