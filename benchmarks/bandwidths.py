@@ -33,6 +33,8 @@ SECONDS, TAKES = 10, 3
 #: How far below the loudest band (dB) a spectrum ends; edges of the bands (Hz); length of a short-time level (s).
 DEPTH_DB, EDGES, STEP = 60.0, 62.5 * 2.0 ** (np.arange(51) / 6), 0.025
 FIGURES = ("bandwidth", "floor")
+#: Least, quartiles and largest.
+SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 
 def bandwidth(signal: Array) -> float:
@@ -98,13 +100,12 @@ def quartiles(found: Mapping[str, Sequence[Sequence[float]]]) -> dict[str, Any]:
     for category, takes in found.items():
         table = np.array(takes)
         out[category] = {"takes": len(table)} | {
-            name: np.percentile(table[:, place], (0, 25, 50, 75, 100)).tolist() for place, name in enumerate(FIGURES)
+            name: np.quantile(table[:, place], SHARES).tolist() for place, name in enumerate(FIGURES)
         }
     weights = np.concatenate([np.full(len(takes), 1 / len(takes)) for takes in found.values()])
     table = np.concatenate([np.array(takes) for takes in found.values()])
-    shares = np.array((0, 25, 50, 75, 100)) / 100
     out["all"] = {"takes": len(table)} | {
-        name: np.quantile(table[:, place], shares, weights=weights, method="inverted_cdf").tolist()
+        name: np.quantile(table[:, place], SHARES, weights=weights, method="inverted_cdf").tolist()
         for place, name in enumerate(FIGURES)
     }
     return out
