@@ -10,13 +10,13 @@ be near 100 % on test voices; one whose sounds say nothing of real ones would be
 recogniser has nothing but the mean spectrum from 10 to 20 kHz. The nearest neighbour's training seconds pass the same
 filter as those that are asked about; networks are trained once, on spectra that are changed at random. The neighbour is
 also asked about each training voice after training on the others, which says how much of a miss is the distance between
-any two voices. FILE.json holds one run, so that all its rows have one size.
+any two voices. FILE.json holds one run, so that all its rows have one size; it is written after each recogniser.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, zip_longest
 from pathlib import Path
@@ -32,7 +32,7 @@ from avs3d_bench.contract.layout import SAMPLE_RATE
 from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.formats.files import write_json
 from avs3d_bench.runtime.parallel import process_each
-from benchmarks.separability_network import MELS, RANGE, Network, Training, log_mel
+from benchmarks.separability_network import MELS, RANGE, Mels, Network, Training, log_mel
 from benchmarks.voices import recordings
 from generators.assets.sounds import synthesise, voices
 from generators.assets.sounds.recordings import resampled
@@ -40,8 +40,8 @@ from generators.assets.sounds.recordings import resampled
 Array = NDArray[np.float64]
 Second = tuple[NDArray[np.float32], int, str]
 Filter = Callable[[Array], Array]
-#: Seconds (n, 44100) → (n, categories) probabilities.
-Recogniser = Callable[[Array], Array]
+#: Set → change → verdict.
+Verdicts = dict[str, dict[str, dict[str, Any]]]
 
 #: Seconds of each unit of a voice.
 SECONDS = 10
@@ -258,18 +258,32 @@ def low_pass(corner: float) -> Filter:
     return lambda clip: np.asarray(sosfilt(sections, clip))
 
 
-def top_octave(train: Clips) -> Recogniser:
-    """The nearest mean spectrum from 10 to 20 kHz: what a band edge would tell, without the course in time."""
+def of_top_octave(train: Clips, mel: Mels, sets: Mapping[str, Clips], workers: int | None = None) -> Verdicts:
+    """Verdicts of the nearest mean spectrum from 10 to 20 kHz: what a band edge would tell, without the course in time.
+
+    Args:
+        train: the training seconds.
+        mel: (n, MELS, frames) their `log_mel`.
+        sets: what is asked about.
+        workers: processes; None: one per core.
+
+    Returns:
+        set → change → verdict.
+    """
     from sklearn.neighbors import KNeighborsClassifier
 
     centres = np.geomspace(*RANGE, MELS + 2)[1:-1]
 
-    def top(clips: Array) -> Array:
-        bands = log_mel(clips).mean(axis=2)[:, centres > 10_000]
+    def top(spectra: Mels) -> Array:
+        bands = spectra.mean(axis=2)[:, centres > 10_000]
         return np.asarray(bands - bands.mean(axis=1, keepdims=True), dtype=np.float64)
 
-    model = KNeighborsClassifier(5).fit(top(train.samples), train.labels)
-    return lambda clips: np.eye(len(CATEGORIES))[model.predict(top(clips))]
+    model = KNeighborsClassifier(5).fit(top(mel), train.labels)
+    found: Verdicts = {}
+    for which, asked in sets.items():
+        answers = model.predict(top(prepared(log_mel, asked.samples, "whole", workers)))
+        found[which] = {"whole": verdict(np.eye(len(CATEGORIES))[answers], asked)}
+    return found
 
 
 #: Training voices, each asked about after training on the others.
@@ -333,9 +347,9 @@ def verdict(probabilities: Array, asked: Clips) -> dict[str, Any]:
     }
 
 
-def of_neighbours(train: Clips, sets: Mapping[str, Clips], workers: int | None = None) -> dict[str, dict[str, Any]]:
+def of_neighbours(train: Clips, sets: Mapping[str, Clips], workers: int | None = None) -> Verdicts:
     """Verdicts of the nearest neighbour: set → change → verdict, with the training voices left out in turn."""
-    found: dict[str, dict[str, Any]] = {which: {} for which in (*sets, LEFT_OUT)}
+    found: Verdicts = {which: {} for which in (*sets, LEFT_OUT)}
     for name in CHANGES:
         known = prepared(features, train.samples, name, workers)
         found[LEFT_OUT][name] = verdict(left_out(train, known, workers), train)
@@ -346,12 +360,13 @@ def of_neighbours(train: Clips, sets: Mapping[str, Clips], workers: int | None =
 
 
 def of_networks(
-    train: Clips, sets: Mapping[str, Clips], training: Training, workers: int | None = None
-) -> dict[str, dict[str, Any]]:
+    train: Clips, mel: Mels, sets: Mapping[str, Clips], training: Training, workers: int | None = None
+) -> Verdicts:
     """Verdicts of the mean answer of networks that differ by their seeds: one alone varies by some points.
 
     Args:
         train: what they are trained on.
+        mel: (n, MELS, frames) its `log_mel`.
         sets: what they are asked about.
         training: how they are trained.
         workers: processes; None: one per core.
@@ -359,9 +374,8 @@ def of_networks(
     Returns:
         set → change → verdict.
     """
-    mel = prepared(log_mel, train.samples, "whole", workers)
     trained = [Network(mel, train.labels, training, seed) for seed in range(NETWORKS)]
-    found: dict[str, dict[str, Any]] = {which: {} for which in sets}
+    found: Verdicts = {which: {} for which in sets}
     for which, asked in sets.items():
         for name in CHANGES:
             unknown = prepared(log_mel, asked.samples, name, workers)
@@ -369,10 +383,10 @@ def of_networks(
     return found
 
 
-def measure(
+def measured(
     train: Clips, sets: Mapping[str, Clips], *, training: Training | None = None, workers: int | None = None
-) -> dict[str, Any]:
-    """All verdicts: recogniser → set → change → verdict.
+) -> Iterator[tuple[str, Verdicts]]:
+    """Recognisers and their verdicts, those first that take least time.
 
     Args:
         train: what the recognisers are trained on.
@@ -380,12 +394,11 @@ def measure(
         training: how the networks are trained; None: there are none.
         workers: processes; None: one per core.
     """
-    top = top_octave(train)
-    report = {
-        "nearest neighbour": of_neighbours(train, sets, workers),
-        "10 to 20 kHz alone": {which: {"whole": verdict(top(one.samples), one)} for which, one in sets.items()},
-    }
-    return report if training is None else report | {"network": of_networks(train, sets, training, workers)}
+    mel = prepared(log_mel, train.samples, "whole", workers)
+    yield "10 to 20 kHz alone", of_top_octave(train, mel, sets, workers)
+    if training is not None:
+        yield "network", of_networks(train, mel, sets, training, workers)
+    yield "nearest neighbour", of_neighbours(train, sets, workers)
 
 
 def shares_table(report: Mapping[str, Any]) -> list[list[str]]:
@@ -423,12 +436,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         split: of_voices(split, 1 + n, options.asked, options.workers) for n, split in enumerate(("validation", "test"))
     }
     sets["recordings"] = of_recordings(options.recordings, 3)
-    report = measure(train, sets, training=Training() if options.cnn else None, workers=options.workers)
-    write_json(options.output, report)
-    for name, sets in report.items():
-        for which, changes in sets.items():
+    report: dict[str, Verdicts] = {}
+    training = Training() if options.cnn else None
+    for name, found in measured(train, sets, training=training, workers=options.workers):
+        report[name] = found
+        write_json(options.output, report)
+        for which, changes in found.items():
             shares = ", ".join(f"{change} {v['seconds']:.2f} ({v['takes']:.2f})" for change, v in changes.items())
-            print(f"{name}, {which}: {shares}")
+            print(f"{name}, {which}: {shares}", flush=True)
 
 
 if __name__ == "__main__":
