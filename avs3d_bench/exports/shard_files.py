@@ -67,8 +67,8 @@ def shard_paths(root: str | Path, split: str = "all") -> list[str]:
 def list_shards(root: str | Path) -> tuple[ShardFile, ...]:
     """The tars below a folder, in order of their names. Contents are not read.
 
-    Without `shards.json` every tar is taken, as in a folder with those of several runs in folders of their own; with it,
-    those that it lists, and it must list all.
+    Without `shards.json` every tar is taken, as where several runs have folders of their own; with it, those that it
+    lists, and it must list all.
 
     Raises:
         UsageError: if there are none; the message says what is there instead.
