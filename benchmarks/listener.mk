@@ -13,8 +13,15 @@ DEVICE ?= cpu
 # How many the training uses; 0: it runs on the CPU.
 GPUS ?= 1
 TRAIN ?= scenes_manifest/train.yaml
-# Which part of it, and other options of `avs3d generate` for it.
-TRAIN_OPTIONS ?=
+# The training data has a folder for each of these parts: homes by the last digit of their number, with options of their own.
+# `recorded` plays the recordings for training that are in the store; without a GPU, `pathtraced` has the usual pictures.
+TRAIN_PARTS ?= pathtraced tracer analytic recorded
+TRAIN_tracer ?= --only '*/home_*[2-7]/*' --audio tracer
+TRAIN_analytic ?= --only '*/home_*[08]/*' --audio analytic
+TRAIN_recorded ?= --only '*/home_*9/*' --audio tracer
+TRAIN_pathtraced ?= --only '*/home_*1/*' --audio tracer $(if $(filter 0,$(GPUS)),,--vision pathtraced --workers 4)
+# Of `avs3d generate` for all parts.
+TRAIN_OPTIONS ?= --frames 12
 # Homes and voices for validation, by which thresholds and temperatures are chosen, and other options of `generate` for it.
 TUNE ?= scenes_manifest/listen-tune.yaml
 TUNE_OPTIONS ?= --size 252 --frames 12
@@ -47,10 +54,16 @@ timed = @mkdir -p $(LISTENER)/logs; echo "$1: log in $(LISTENER)/logs/$1.txt"; b
 .PHONY: all
 all: $(LISTENER)/page.done
 
+$(LISTENER)/manifests/train-recorded.yaml:
+	$(call timed,recordings,$(PYTHON) -m benchmarks.recorded_manifests --train $(@D))
+
 # Status 1 with a list of shards: a few sampled observations found no place.
-$(LISTENER)/train-data.done:
-	$(call timed,train-data,$(AVS3D) generate $(TRAIN) -o $(SHARDS) --format webdataset --audio tracer --device $(DEVICE) \
-	  --workers $(WORKERS) $(TRAIN_OPTIONS) || { [ $$? -eq 1 ] && [ -f $(SHARDS)/shards.json ]; })
+$(LISTENER)/train-%.done: | $(LISTENER)/manifests/train-recorded.yaml
+	$(call timed,train-$*,$(AVS3D) generate $(if $(filter recorded,$*),$(firstword $|),$(TRAIN)) -o $(SHARDS)/$* --format webdataset \
+	  --device $(DEVICE) --workers $(WORKERS) $(TRAIN_$*) $(TRAIN_OPTIONS) || { [ $$? -eq 1 ] && [ -f $(SHARDS)/$*/shards.json ]; })
+	@touch $@
+
+$(LISTENER)/train-data.done: $(TRAIN_PARTS:%=$(LISTENER)/train-%.done)
 	@touch $@
 
 $(LISTENER)/tune-data.done: | $(LISTENER)/train-data.done

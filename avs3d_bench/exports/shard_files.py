@@ -67,7 +67,8 @@ def shard_paths(root: str | Path, split: str = "all") -> list[str]:
 def list_shards(root: str | Path) -> tuple[ShardFile, ...]:
     """The tars below a folder, in order of their names. Contents are not read.
 
-    Without `shards.json` every tar is taken; with it, those that it lists, and it must list all.
+    Without `shards.json` every tar is taken, as where several runs have folders of their own; with it, those that it
+    lists, and it must list all.
 
     Raises:
         UsageError: if there are none; the message says what is there instead.
@@ -90,7 +91,7 @@ def list_shards(root: str | Path) -> tuple[ShardFile, ...]:
 
 
 def _split_of(name: str) -> str | None:
-    split = name.partition("-")[0]
+    split = name.rpartition("/")[2].partition("-")[0]
     return split if split in _SPLITS else None
 
 

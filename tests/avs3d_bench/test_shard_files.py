@@ -38,6 +38,8 @@ def test_shards_are_found_by_split(folder: Path) -> None:
     assert sorted(shard_paths(folder)) == sorted([*shard_paths(folder, "train"), *shard_paths(folder, "test")])
     (folder / "shards.json").unlink()
     assert [Path(path).name for path in shard_paths(folder, "train")] == ["train-000000.tar"], "by its name alone"
+    shutil.copytree(folder, folder / "another-run")
+    assert len(shard_paths(folder, "train")) == 2, "of several runs, each in a folder of its own"
 
 
 def test_tars_whose_names_do_not_tell_the_split_are_not_guessed(tmp_path: Path, folder: Path) -> None:

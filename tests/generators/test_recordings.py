@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.errors import Avs3dError
-from benchmarks.recorded_manifests import SOURCES, recorded
+from benchmarks.recorded_manifests import SOURCES, recorded, write_training
 from generators.assets.sounds import load_sound, recorded_seconds, survey
 from generators.library import AssetEntry, read_lock, update_lock
 from generators.library.cli import assets
@@ -282,6 +282,23 @@ def test_the_recorded_manifests_follow_from_the_others(name: str) -> None:
     heard = {category for entry in other.observations for category in entry.heard}
     assert heard <= {*other.sounds, *other.voices, *other.categories}
     assert not re.search(r"(?m)^(voices|sounds):(.|\n)*^(voices|sounds):(.|\n)*^(voices|sounds):", made)
+
+
+def test_the_training_manifest_plays_the_recordings_of_the_store_and_its_voices_where_there_is_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("AVS3D_ASSETS", str(tmp_path / "store"))
+    own = read_manifest(MANIFESTS / "train.yaml").manifest
+    without = read_manifest(write_training(tmp_path)).manifest
+    assert (without.voices, without.sounds) == (own.voices, {})
+    monkeypatch.setattr(Store, "problem", lambda _, entry: "" if entry.category == "clock" else "missing")
+    played = read_manifest(write_training(tmp_path)).manifest
+    lock = read_lock(MANIFESTS / "assets.lock.yaml")
+    found = [lock.find(item.asset or "") for item in played.sounds["clock"]]
+    assert {entry.split for entry in found if entry is not None} == {"train"}
+    assert set(played.sounds) == {"clock"}
+    assert played.voices == {name: names for name, names in own.voices.items() if name != "clock"}
+    assert (played.observations, played.scans, played.seed) == (own.observations, own.scans, own.seed)
 
 
 # ---- poor recordings ------------------------------------------------------------------------------------------------
