@@ -33,8 +33,7 @@ from avs3d_bench.submission import Prediction, SubmissionWriter
 from baselines.echosegnet import spatial, views
 from baselines.echosegnet.heard_categories import cluster_activity
 from baselines.listener.masks import Answer, log_odds, logit
-from baselines.listener.predict import BATCH, ListenerMethod, camera_of, clip_of
-from baselines.networks.device import inference
+from baselines.listener.predict import ListenerMethod, clip_of
 from baselines.sound_control import SAID
 
 #: Most train frames that are looked at, evenly over the walk.
@@ -83,19 +82,8 @@ class DirectionMethod:
         poses = {view.name: view for view in walk}
         return [
             Prediction(self._of_points(frame, answer, points, category, poses.get(frame.name)))
-            for frame, answer in zip(frames, self.seen(frames), strict=True)
+            for frame, answer in zip(frames, self.model.seen(frames), strict=True)
         ]
-
-    def seen(self, frames: Sequence[Frame]) -> list[Answer]:
-        """The network's answers; what it hears is not used."""
-        out: list[Answer] = []
-        for start in range(0, len(frames), BATCH):
-            part = frames[start : start + BATCH]
-            sounds = np.stack([clip_of(frame, self.model.hearing) for frame in part])
-            cameras = np.asarray([camera_of(frame) for frame in part], np.float32)
-            with inference(self.model.device, f"{part[0].observation.path}/{part[0].name}"):
-                out += self.model.answers([frame.rgb() for frame in part], sounds, cameras)
-        return out
 
     def _chosen(self, walk: Sequence[views.RegisteredView]) -> tuple[NDArray[np.float64], int] | None:
         """(N, 3) voxels of the candidate that sounds, and its category (0-based); None without any candidate or sound.
@@ -104,7 +92,7 @@ class DirectionMethod:
             walk: train views.
         """
         walk = some_of(walk)
-        answers = self.seen([view.frame for view in walk])
+        answers = self.model.seen([view.frame for view in walk])
         points, labels, categories = candidates(walk, answers)
         if not len(points):
             return None
@@ -126,7 +114,7 @@ class DirectionMethod:
         """Frames of part_3: the candidates that sound in each second."""
         train = some_of(views.train_views(walk))
         used = sorted([*train, *views.test_views(walk)], key=lambda view: view.name)
-        answers = dict(zip([view.name for view in used], self.seen([view.frame for view in used]), strict=True))
+        answers = dict(zip([view.name for view in used], self.model.seen([view.frame for view in used]), strict=True))
         points, labels, categories = candidates(train, [answers[view.name] for view in train])
         sounding = self._sounding(points, labels, categories, used, [answers[view.name] for view in used])
         named, place = category_of_each(labels, categories), {view.name: number for number, view in enumerate(used)}
