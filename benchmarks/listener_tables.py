@@ -414,6 +414,8 @@ def main(
     roots = labelled(datasets)
     devices = devices or all_devices()
     workers = workers or min(MOST_WORKERS, available_cores())
+    # Worker processes share what one of them has compiled.
+    os.environ.setdefault("NUMBA_CACHE_DIR", str(work.absolute() / "kernels"))
     try:
         weights, wanted = None if weights is None else weights.absolute(), rows_of(rows)
         digest = load_marker(weights).digest if any(row.kind != "truth" for row in wanted) else ""
