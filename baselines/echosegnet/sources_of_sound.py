@@ -230,7 +230,7 @@ def _empty(heard: HeardFrames, octaves: float) -> Array:
     return out
 
 
-# The kernels are compiled in each process that needs them, in ten seconds of a core, and kept where NUMBA_CACHE_DIR names
+# The kernels are compiled in each process that needs them, in ten seconds, and kept where NUMBA_CACHE_DIR names
 # a folder: a cache beside the source could not be written where the installation is read-only.
 _KEPT = bool(os.environ.get("NUMBA_CACHE_DIR"))
 
