@@ -205,8 +205,9 @@ def _write_observation(root: Path, folders: dict[Row, SubmissionFolder], plan: P
     found = _network(plan.weights, plan.devices[os.getpid() % len(plan.devices)], plan.refine, plan.looks)
     (hearing,) = {row.setting for row in folders}
     network = OneLook(**{**vars(found), "hearing": hearing})
+    by_place = DirectionMethod(network)
     for row, folder in folders.items():
-        method = network if row.answer == "sounding" else DirectionMethod(network, row.answer)
+        method = network if row.answer == "sounding" else replace(by_place, cues=row.answer)
         for frame, one in zip(frames, method.predictions(frames), strict=True):
             folder.write_mask(frame, one.mask, one.categories)
 
