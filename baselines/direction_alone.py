@@ -17,8 +17,8 @@ which second: each is on or off for some seconds, and places without a candidate
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -33,8 +33,7 @@ from avs3d_bench.submission import Prediction, SubmissionWriter
 from baselines.echosegnet import spatial, views
 from baselines.echosegnet.heard_categories import cluster_activity
 from baselines.listener.masks import Answer, log_odds, logit
-from baselines.listener.predict import BATCH, ListenerMethod, camera_of, clip_of
-from baselines.networks.device import inference
+from baselines.listener.predict import ListenerMethod, clip_of
 from baselines.sound_control import SAID
 
 #: Most train frames that are looked at, evenly over the walk.
@@ -66,10 +65,12 @@ class DirectionMethod:
     Attributes:
         model: of `listener.predict.load_method`.
         cues: see `Cues`.
+        kept: what of the last observation does not depend on names; shared with copies that have other cues.
     """
 
     model: ListenerMethod
     cues: Cues = "direction"
+    kept: dict[str, Any] = field(default_factory=dict, repr=False)
 
     def predictions(self, frames: Sequence[Frame]) -> list[Prediction]:
         """Masks of the test frames of one observation, with class ids in part_3."""
@@ -83,19 +84,8 @@ class DirectionMethod:
         poses = {view.name: view for view in walk}
         return [
             Prediction(self._of_points(frame, answer, points, category, poses.get(frame.name)))
-            for frame, answer in zip(frames, self.seen(frames), strict=True)
+            for frame, answer in zip(frames, self.model.seen(frames), strict=True)
         ]
-
-    def seen(self, frames: Sequence[Frame]) -> list[Answer]:
-        """The network's answers; what it hears is not used."""
-        out: list[Answer] = []
-        for start in range(0, len(frames), BATCH):
-            part = frames[start : start + BATCH]
-            sounds = np.stack([clip_of(frame, self.model.hearing) for frame in part])
-            cameras = np.asarray([camera_of(frame) for frame in part], np.float32)
-            with inference(self.model.device, f"{part[0].observation.path}/{part[0].name}"):
-                out += self.model.answers([frame.rgb() for frame in part], sounds, cameras)
-        return out
 
     def _chosen(self, walk: Sequence[views.RegisteredView]) -> tuple[NDArray[np.float64], int] | None:
         """(N, 3) voxels of the candidate that sounds, and its category (0-based); None without any candidate or sound.
@@ -104,12 +94,9 @@ class DirectionMethod:
             walk: train views.
         """
         walk = some_of(walk)
-        answers = self.seen([view.frame for view in walk])
-        points, labels, categories = candidates(walk, answers)
-        if not len(points):
-            return None
-        choice = spatial.choose(points, labels, walk, self._clips(walk))
-        if not choice.heard:
+        answers = self.model.seen([view.frame for view in walk])
+        points, labels, categories, choice = self._once(walk, lambda: self._choice(walk, answers))
+        if choice is None or not choice.heard:
             return None
         size = np.array([(labels == label).sum() for label in choice.labels])
         score = choice.scores + np.log(np.minimum(size, LARGE))
@@ -117,6 +104,19 @@ class DirectionMethod:
             score = score + NAMES * log_heard(answers).mean(axis=0)[category_of_each(labels, categories)[choice.labels]]
         chosen = labels == choice.labels[score.argmax()]
         return points[chosen], int(categories[chosen][0])
+
+    def _once(self, walk: Sequence[views.RegisteredView], found: Callable[[], Any]) -> Any:
+        """What ``found`` returns for the observation of a walk, computed once."""
+        where = str(walk[0].frame.observation.path)
+        if where not in self.kept:
+            self.kept.clear()
+            self.kept[where] = found()
+        return self.kept[where]
+
+    def _choice(self, walk: Sequence[views.RegisteredView], answers: Sequence[Answer]) -> tuple[Any, ...]:
+        """The candidates and the choice among them by place; None without any."""
+        found = candidates(walk, answers)
+        return *found, spatial.choose(*found[:2], walk, self._clips(walk)) if len(found[0]) else None
 
     def _clips(self, walk: Sequence[views.RegisteredView]) -> NDArray[np.float32]:
         """(T, 2, n) the sound of views."""
@@ -126,9 +126,11 @@ class DirectionMethod:
         """Frames of part_3: the candidates that sound in each second."""
         train = some_of(views.train_views(walk))
         used = sorted([*train, *views.test_views(walk)], key=lambda view: view.name)
-        answers = dict(zip([view.name for view in used], self.seen([view.frame for view in used]), strict=True))
-        points, labels, categories = candidates(train, [answers[view.name] for view in train])
-        sounding = self._sounding(points, labels, categories, used, [answers[view.name] for view in used])
+        answers = dict(zip([view.name for view in used], self.model.seen([view.frame for view in used]), strict=True))
+        points, labels, categories, odds = self._once(
+            walk, lambda: self._odds(train, used, [answers[view.name] for view in train])
+        )
+        sounding = self._sounding(labels, categories, odds, [answers[view.name] for view in used])
         named, place = category_of_each(labels, categories), {view.name: number for number, view in enumerate(used)}
         out = []
         for frame in frames:
@@ -140,20 +142,34 @@ class DirectionMethod:
             out.append(Prediction(ids > 0, ids))
         return out
 
+    def _odds(
+        self,
+        train: Sequence[views.RegisteredView],
+        used: Sequence[views.RegisteredView],
+        answers: Sequence[Answer],
+    ) -> tuple[Any, ...]:
+        """The candidates of part_3 and (T, K) log-odds by place that each sounds in each of the T views ``used``.
+
+        Args:
+            train: views that candidates are made of.
+            used: in the order of time.
+            answers: for ``train``.
+        """
+        points, labels, categories = candidates(train, answers)
+        if not len(points):
+            return points, labels, categories, np.zeros((len(used), 0), np.float32)
+        posterior = cluster_activity(points, labels, used, self._clips(used), largest=LARGE).posterior
+        return points, labels, categories, log_odds(posterior.astype(np.float32))
+
     def _sounding(
         self,
-        points: NDArray[np.float64],
         labels: NDArray[np.int64],
         categories: NDArray[np.int64],
-        walk: Sequence[views.RegisteredView],
+        odds: NDArray[np.float32],
         answers: Sequence[Answer],
     ) -> NDArray[np.bool_]:
-        """(T, K) whether each candidate sounds in each view of part_3; arguments as of and from `candidates`."""
-        if not len(points):
-            return np.zeros((len(walk), 0), np.bool_)
-        posterior = cluster_activity(points, labels, walk, self._clips(walk), largest=LARGE).posterior
-        odds = log_odds(posterior.astype(np.float32))
-        if self.cues == "both":
+        """(T, K) whether each candidate sounds in each view; arguments from `_odds`, answers for its views."""
+        if self.cues == "both" and len(labels):
             heard = log_odds(np.exp(log_heard(answers)).astype(np.float32), LEAST_HEARD)
             heard = heard[:, category_of_each(labels, categories)]
             odds = odds + NAMES_OF_A_SECOND * (heard - logit(HEARD_PRIOR))

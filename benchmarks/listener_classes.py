@@ -83,7 +83,6 @@ def figures(dataset: Dataset, method: Any, only: Iterable[str] = ()) -> dict[str
     import torch
     from scipy.special import expit
 
-    from baselines.direction_alone import DirectionMethod
     from baselines.listener.calibration import OddsHistogram
 
     found, odds = ClassFigures(), OddsHistogram.empty("cpu")
@@ -91,7 +90,7 @@ def figures(dataset: Dataset, method: Any, only: Iterable[str] = ()) -> dict[str
     for observation in dataset:
         if patterns and not any(fnmatch.fnmatch(observation.key, pattern) for pattern in patterns):
             continue
-        for frame, answer in zip(observation.test, DirectionMethod(method).seen(observation.test), strict=True):
+        for frame, answer in zip(observation.test, method.seen(observation.test), strict=True):
             truth = frame.mask()
             large = cv2.resize(answer.mask, truth.shape[::-1], interpolation=cv2.INTER_LINEAR)
             odds.add(torch.from_numpy(large), torch.from_numpy(truth.astype(np.float32)))

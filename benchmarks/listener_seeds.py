@@ -57,7 +57,8 @@ def figures_of(folders: tuple[Path, ...]) -> dict[str, dict[str, Any]]:
             if isinstance(metrics, dict)
         }
     for path in sorted(folders[0].glob("classes-*.json")):
-        each = [one for folder in folders for one in read_json(folder / path.name)["datasets"].values()]
+        files = [folder / path.name for folder in folders if (folder / path.name).exists()]
+        each = [one for file in files for one in read_json(file)["datasets"].values()]
         found[f"{path.stem.removeprefix('classes-')}-classes"] = {
             "classes": _plain([one["class_iou"] for one in each]),
             "masks": _plain([{name: one[name] for name in ("calibration_error", "average_precision")} for one in each]),

@@ -18,7 +18,8 @@ import os
 import platform
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -26,16 +27,19 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from avs3d_bench.contract import layout
+from avs3d_bench.contract.schema import ProvenanceRecord
 from avs3d_bench.contract.scores import Scores
-from avs3d_bench.dataset import Dataset, Frame
+from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.files import read_json, sha256_file, write_json
 from avs3d_bench.formats.media import read_record
-from avs3d_bench.method import Method, write_submission
-from avs3d_bench.runtime.parallel import available_cores
-from avs3d_bench.submission import Prediction
+from avs3d_bench.runtime.parallel import available_cores, process_each
+from avs3d_bench.runtime.provenance import provenance
+from avs3d_bench.submission import SubmissionFolder, SubmissionWriter
 from baselines.direction_alone import DirectionMethod
 from baselines.listener.marks import MARKING_LOOKS
+from baselines.listener.masks import Answer
+from baselines.listener.predict import ListenerMethod
 
 if TYPE_CHECKING:
     from baselines.echosegnet.network_masks import NetworkMasks
@@ -45,7 +49,8 @@ if TYPE_CHECKING:
 Kind = Literal["truth", "listener", "controls", "echosegnet"]
 #: File with what was run, beside the scores.
 RUN_JSON = "listener-run.json"
-WRITER = "listener.predict:write_listener"
+#: Kinds of rows that are the network's answers in 2D; `Row.setting` is what it hears.
+HEARD = ("listener", "controls")
 #: Processes that share the GPUs for the rows in 2D, at most: decoding and writing pictures takes most of the time.
 MOST_WORKERS = 24
 
@@ -150,7 +155,7 @@ class Plan:
         found: dict[str, Any] = {"only": list(self.only)}
         if row.kind != "truth":
             found["weights"] = self.digest
-        if row.kind in ("listener", "controls"):
+        if row.kind in HEARD:
             found |= {"refine": self.refine, "looks": self.looks}
             if row.answer != "sounding":
                 found["answer"] = row.answer
@@ -165,29 +170,75 @@ class Plan:
         return found
 
 
+@dataclass(frozen=True)
+class OneLook(ListenerMethod):
+    """A listener that looks at each frame once, whatever rows ask for it.
+
+    Attributes:
+        kept: path of an observation and name of its frame → answer.
+    """
+
+    kept: dict[tuple[str, str], Answer] = field(default_factory=dict)
+
+    def seen(self, frames: Sequence[Frame]) -> list[Answer]:
+        """The answers for frames of any observations."""
+        named = {(str(frame.observation.path), frame.name): frame for frame in frames}
+        new = [name for name in named if name not in self.kept]
+        self.kept.update(zip(new, super().seen([named[name] for name in new]), strict=True))
+        return [self.kept[name] for name in named]
+
+
 @lru_cache(maxsize=1)
-def _network(weights: Path | None, device: str, hearing: Any, refine: Any, looks: Any) -> Any:
+def _network(weights: Path | None, device: str, refine: Any, looks: Any) -> ListenerMethod:
     import torch
 
     from baselines.listener.predict import load_method
 
     if device != "cpu":
         torch.set_num_threads(1)  # many processes share the cores
-    return load_method(weights, device=device, hearing=hearing, refine=refine, looks=looks)
+    return load_method(weights, device=device, refine=refine, looks=looks)
 
 
-def _predict(plan: Plan, row: Row, frames: tuple[Frame, ...]) -> list[Prediction]:
-    """Masks of test frames, in a worker process on one of the devices."""
-    device = plan.devices[os.getpid() % len(plan.devices)]
-    network = _network(plan.weights, device, row.setting, plan.refine, plan.looks)
-    if row.answer != "sounding":
-        return DirectionMethod(network, row.answer).predictions(frames)
-    found: list[Prediction] = network.predictions(frames)
-    return found
+def _write_observation(root: Path, folders: dict[Row, SubmissionFolder], plan: Plan, key: str) -> None:
+    """Write the masks of several rows that hear the same, in a worker process on one of the devices."""
+    frames = Observation(root, key).test
+    found = _network(plan.weights, plan.devices[os.getpid() % len(plan.devices)], plan.refine, plan.looks)
+    (hearing,) = {row.setting for row in folders}
+    network = OneLook(**{**vars(found), "hearing": hearing})
+    by_place = DirectionMethod(network)
+    for row, folder in folders.items():
+        method = network if row.answer == "sounding" else replace(by_place, cues=row.answer)
+        for frame, one in zip(frames, method.predictions(frames), strict=True):
+            folder.write_mask(frame, one.mask, one.categories)
 
 
-def write_row(dataset: Dataset, path: Path, row: Row, plan: Plan) -> None:
-    """Write the submission of a row."""
+def _write_heard(dataset: Dataset, label: str, rows: Sequence[Row], plan: Plan) -> None:
+    """Write the submissions of rows that hear the same: the network looks at each frame once."""
+    with ExitStack() as stack:
+        folders: dict[Row, SubmissionFolder] = {}
+        for row in rows:
+            entry = "listener.predict:write_listener" if row.answer == "sounding" else "direction_alone:write_direction"
+            network = replace(_network(plan.weights, "cpu", plan.refine, plan.looks), hearing=row.setting)  # type: ignore[arg-type]
+            writer = SubmissionWriter(
+                plan.submission(label, row),
+                dataset,
+                method=row.title,
+                notes="; only ".join(filter(None, (network.notes, " ".join(plan.only)))),
+                provenance=ProvenanceRecord.of(provenance(f"baselines.{entry}")),
+                only=plan.only,
+                overwrite=True,
+            )
+            folders[row] = stack.enter_context(writer).folder
+        chosen = dataset.select(*plan.only)
+        keys, sizes = [each.key for each in chosen], [len(each.test) for each in chosen]
+        each = partial(_write_observation, dataset.root, folders, plan)
+        for _ in process_each(each, keys, workers=plan.workers, label=rows[0].title, progress=True, sizes=sizes):
+            pass
+
+
+def write_rows(dataset: Dataset, label: str, rows: Sequence[Row], plan: Plan) -> None:
+    """Write the submissions of rows that are computed together; see `together`."""
+    row, path = rows[0], plan.submission(label, rows[0])
     common: dict[str, Any] = {"only": plan.only, "overwrite": True, "progress": True}
     if row.kind == "truth":
         from baselines.deaf import write_deaf
@@ -197,13 +248,18 @@ def write_row(dataset: Dataset, path: Path, row: Row, plan: Plan) -> None:
             write_deaf(dataset, path, row.setting, workers=plan.workers, **common)  # type: ignore[arg-type]
         else:
             write_oracle(dataset, path, instance="category", workers=plan.workers, **common)
-    elif row.kind in ("listener", "controls"):
-        notes = _network(plan.weights, "cpu", row.setting, plan.refine, plan.looks).notes
-        entry = f"baselines.{WRITER if row.answer == 'sounding' else 'direction_alone:write_direction'}"
-        method = Method(row.title, partial(_predict, plan, row), notes=notes, entry=entry)
-        write_submission(dataset, path, method, workers=plan.workers, **common)
+    elif row.kind in HEARD:
+        _write_heard(dataset, label, rows, plan)
     else:
         _write_lifted(dataset, path, row, plan, common)
+
+
+def together(rows: Iterable[Row]) -> list[list[Row]]:
+    """Rows that are computed together: in 2D those that hear the same, since they share the network's answers."""
+    found: dict[str, list[Row]] = {}
+    for row in rows:
+        found.setdefault(row.setting if row.kind in HEARD else row.name, []).append(row)
+    return list(found.values())
 
 
 def lifting(row: Row, plan: Plan) -> tuple[NetworkMasks, Settings]:
@@ -250,46 +306,56 @@ def hardware() -> str:
     return f"{torch.cuda.device_count()} × {torch.cuda.get_device_name()}, {available_cores()} cores"
 
 
-def run_row(label: str, dataset: Dataset, row: Row, plan: Plan) -> dict[str, Any]:
-    """Write and score one row; what listener-run.json says of it."""
+def run_rows(label: str, dataset: Dataset, rows: Sequence[Row], plan: Plan) -> dict[str, dict[str, Any]]:
+    """Write and score rows that are computed together; row → what listener-run.json says of it."""
     from evaluators import evaluate
 
     start = time.perf_counter()
-    write_row(dataset, plan.submission(label, row), row, plan)
-    written = time.perf_counter()
-    scores = evaluate(plan.submission(label, row), dataset.root, only=plan.only, workers=plan.workers).scores
-    write_json(plan.scores(label, row), scores)
-    return {
-        "settings": plan.said(row), "seconds": round(written - start, 1),
-        "scoring_seconds": round(time.perf_counter() - written, 1), "observations": scores.overall.observations,
-        "frames": scores.overall.frames, "hardware": hardware(), "processes": plan.workers,
-    }  # fmt: skip
+    write_rows(dataset, label, rows, plan)
+    written, found = time.perf_counter(), {}
+    for row in rows:
+        begun = time.perf_counter()
+        scores = evaluate(plan.submission(label, row), dataset.root, only=plan.only, workers=plan.workers).scores
+        write_json(plan.scores(label, row), scores)
+        found[f"{label}-{row.name}"] = {
+            "settings": plan.said(row), "seconds": round((written - start) / len(rows), 1),
+            "scoring_seconds": round(time.perf_counter() - begun, 1), "observations": scores.overall.observations,
+            "frames": scores.overall.frames, "hardware": hardware(), "processes": plan.workers,
+        }  # fmt: skip
+    return found
 
 
-def run_all(roots: dict[str, Path], rows: Iterable[Row], plan: Plan) -> list[str]:
+def run_all(roots: dict[str, Path], rows: Sequence[Row], plan: Plan) -> list[str]:
     """Run the rows that are not there yet; messages of those that failed."""
     document: dict[str, Any] = read_json(plan.output / RUN_JSON) if (plan.output / RUN_JSON).exists() else {}
     weights = plan.digest or document.get("weights", "")
     document = {"weights": weights, "datasets": document.get("datasets", {}), "rows": document.get("rows", {})}
     failed = []
-    for row in rows:
+    for some in together(rows):
         for label, root in roots.items():
             dataset = Dataset(root)
             document["datasets"][label] = {"name": dataset.name, "version": dataset.record and dataset.record.version}
-            name = f"{label}-{row.name}"
-            if row.scenes and not all(observation.is_part_3 for observation in dataset):
-                continue
-            if is_current(plan.scores(label, row), document["rows"].get(name), dataset, plan.said(row)):
-                click.echo(f"{name}: there already")
+            wanted = []
+            for row in some:
+                name = f"{label}-{row.name}"
+                if row.scenes and not all(observation.is_part_3 for observation in dataset):
+                    continue
+                if is_current(plan.scores(label, row), document["rows"].get(name), dataset, plan.said(row)):
+                    click.echo(f"{name}: there already")
+                else:
+                    wanted.append(row)
+            if not wanted:
                 continue
             try:
-                document["rows"][name] = run_row(label, dataset, row, plan)
+                found = run_rows(label, dataset, wanted, plan)
             except Avs3dError as error:
-                failed.append(f"{name}: {error}")
-                click.echo(f"{name}: failed: {error}", err=True)
+                failed += [f"{label}-{row.name}: {error}" for row in wanted]
+                click.echo(f"{label}: {', '.join(row.name for row in wanted)}: failed: {error}", err=True)
                 continue
+            document["rows"] |= found
             write_json(plan.output / RUN_JSON, document)
-            click.echo(f"{name}: {document['rows'][name]['seconds']} s")
+            for name, entry in found.items():
+                click.echo(f"{name}: {entry['seconds']} s")
     return failed
 
 
@@ -349,6 +415,8 @@ def main(
     roots = labelled(datasets)
     devices = devices or all_devices()
     workers = workers or min(MOST_WORKERS, available_cores())
+    # Worker processes share what one of them has compiled.
+    os.environ.setdefault("NUMBA_CACHE_DIR", str(work.absolute() / "kernels"))
     try:
         weights, wanted = None if weights is None else weights.absolute(), rows_of(rows)
         digest = load_marker(weights).digest if any(row.kind != "truth" for row in wanted) else ""

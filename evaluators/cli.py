@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -60,6 +61,8 @@ _truth = click.option("--truth", type=PATH, metavar="PRIVATE", help="Of a sealed
 @click.option("--html", "html_file", type=OutputFile(REPORT), metavar="FILE", help="Write a report to this file.")
 @click.option("--frames", "frames_file", type=OutputFile(FRAMES_CSV, FRAMES_PARQUET), metavar="FILE",
               help="Write a row per frame: .csv or .parquet.")  # fmt: skip
+@click.option("--soft-masks", type=PATH, metavar="FOLDER",
+              help="Add the average precision of soft masks, FOLDER/KEY/masks/frame_000.png, grey levels.")  # fmt: skip
 @_official_folder
 @only_option
 @_workers
@@ -69,6 +72,7 @@ def evaluate(
     root: Path,
     truth: Path | None,
     protocol: str,
+    soft_masks: Path | None,
     official_folder: str | None,
     only: tuple[str, ...],
     workers: int | None,
@@ -93,6 +97,8 @@ def evaluate(
         except InvalidSubmission as error:
             _print_problems(error.report, submission, root)
             raise SystemExit(1) from None
+        if soft_masks is not None:
+            evaluation = _with_soft_masks(evaluation, data, soft_masks, workers)
         try:
             _write_files(evaluation, data, opened, **files)
         finally:
@@ -102,6 +108,14 @@ def evaluate(
     for path in files.values():
         if path is not None:
             click.echo(str(path))
+
+
+def _with_soft_masks(evaluation: Evaluation, data: Dataset, folder: Path, workers: int | None) -> Evaluation:
+    """The evaluation with the average precision of soft masks."""
+    from evaluators.protocols.soft_masks import soft_scores
+
+    found = soft_scores(evaluation.scores, data, folder, workers=workers, progress=sys.stderr.isatty())
+    return replace(evaluation, scores=evaluation.scores.model_copy(update={"soft": found}))
 
 
 def _write_files(

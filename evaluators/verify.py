@@ -40,8 +40,9 @@ from evaluators.score import open_dataset, score
 #: Two figures are the same if they differ by no more than this share, or by `_NOISE`: a file keeps nine digits.
 TOLERANCE = 1e-8
 _NOISE = 1e-12
-#: Values that may differ: the place of the report, and the software and machine, which become notes.
-_NOT_COMPARED = ("report", "avs3d_eval.version", "avs3d_eval.provenance", "avs3d_eval.machine")
+#: Values that may differ: the place of the report, soft masks, which are not given, and the software and machine. All
+#: but the first become notes.
+_NOT_COMPARED = ("report", "soft", "avs3d_eval.version", "avs3d_eval.provenance", "avs3d_eval.machine")
 #: Values that files of older versions lack.
 _ADDED_LATER = ("submission.digest", "dataset.truth_digest", "digests", "avs3d_eval.bootstrap_unit")
 #: Stands for a value that one side lacks.
@@ -327,6 +328,8 @@ def _notes(recorded: Scores, again: Scores) -> Iterator[str]:
         yield "the file has no digests of submission and truth: an older version wrote it; its figures are compared"
     if recorded.avs3d_eval.bootstrap_unit is None:
         yield "the intervals of the file, of an older version, do not resample homes: they are not compared"
+    if recorded.soft is not None:
+        yield "the average precision of soft masks is not compared: they are no part of the submission"
     if _lacks_kinds(recorded):
         yield "the file is of listen 1.0, which has no kinds of pairs: all other figures are compared"
     if recorded.dataset.scored < recorded.dataset.observations:

@@ -295,6 +295,24 @@ class GroupScores(Record):
     listen: ListenSummary | None = Field(default=None, description="means over the observations of part_3")
 
 
+class SoftSummary(Record):
+    """Average precision of soft masks over a group of observations."""
+
+    AP: Share | None = Field(description="unweighted mean over observations that show what sounds; null without any")
+    interval: Interval | None = Field(description="95 % bootstrap interval, as those of protocol strict")
+    count: Count = Field(description="number of observations in the mean")
+
+
+class SoftScores(Record):
+    """Average precision of soft masks, which are no part of the submission."""
+
+    overall: SoftSummary
+    parts: dict[PartName, SoftSummary]
+    observations: dict[str, Share | None] = Field(
+        description="key → mean over the test frames that show what sounds; null without any"
+    )
+
+
 class PairScores(Record):
     """Two siblings: observations with the same pictures and different sound."""
 
@@ -385,7 +403,7 @@ def _figure(scores: ObservationScores | GroupScores, metric: Metric) -> float | 
 class Scores(Record):
     """The file of scores that `avs3d-eval --json` writes."""
 
-    left_out: ClassVar[frozenset[str]] = frozenset({"siblings"})
+    left_out: ClassVar[frozenset[str]] = frozenset({"siblings", "soft"})
 
     avs3d_eval: Evaluator
     submission: ScoredSubmission
@@ -395,6 +413,7 @@ class Scores(Record):
     )
     observations: tuple[ObservationScores, ...]
     siblings: tuple[SiblingScores, ...] | None = Field(default=None, description="the groups of part_3")
+    soft: SoftScores | None = Field(default=None, description="only with --soft-masks")
     overall: GroupScores
     parts: dict[PartName, GroupScores]
     categories: dict[str, GroupScores]

@@ -16,6 +16,7 @@ the prior probability is that of a pool whose sources always sound.
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -229,11 +230,12 @@ def _empty(heard: HeardFrames, octaves: float) -> Array:
     return out
 
 
-# The kernels are compiled in each process that needs them, in a few seconds: a cache beside the source could not be
-# written where the installation is read-only.
+# The kernels are compiled in each process that needs them, in ten seconds, and kept where NUMBA_CACHE_DIR names
+# a folder: a cache beside the source could not be written where the installation is read-only.
+_KEPT = bool(os.environ.get("NUMBA_CACHE_DIR"))
 
 
-@numba.njit()
+@numba.njit(cache=_KEPT)
 def _fill_totals(total: Array, share: Array, nearness: Array, on: NDArray[np.bool_]) -> None:
     """Write the sum of the components' weights into ``total`` (bands,), while the sources ``on`` (m,) sound."""
     for b in range(len(total)):
@@ -243,7 +245,7 @@ def _fill_totals(total: Array, share: Array, nearness: Array, on: NDArray[np.boo
                 total[b] += nearness[k] * share[1 + k, b]
 
 
-@numba.njit()
+@numba.njit(cache=_KEPT)
 def _mixed(share: Array, nearness: Array, densities: Single, on: NDArray[np.bool_], t: int, c: int, b: int) -> float:
     """The components' weighted densities of cell c of band b in frame t, before they are divided by their total."""
     out = share[0, b]
@@ -253,7 +255,7 @@ def _mixed(share: Array, nearness: Array, densities: Single, on: NDArray[np.bool
     return float(out)
 
 
-@numba.njit()
+@numba.njit(cache=_KEPT)
 def _sets(
     weights: Single, densities: Single, band: NDArray[np.intp], nearness: Array, states: NDArray[np.bool_], share: Array
 ) -> Array:
@@ -274,7 +276,7 @@ def _sets(
     return out
 
 
-@numba.njit()
+@numba.njit(cache=_KEPT)
 def _counts(
     weights: Single,
     densities: Single,

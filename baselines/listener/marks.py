@@ -26,8 +26,7 @@ from numpy.typing import NDArray
 from avs3d_bench.dataset import Frame
 from avs3d_bench.errors import Avs3dError
 from baselines.listener.masks import Answer, class_map, log_odds
-from baselines.listener.predict import BATCH, THRESHOLD, ListenerMethod, Looks, camera_of, clip_of, load_method
-from baselines.networks.device import inference
+from baselines.listener.predict import BATCH, THRESHOLD, ListenerMethod, Looks, load_method
 
 if TYPE_CHECKING:
     import torch
@@ -104,25 +103,12 @@ class ListenerMarker:
                 for found in method.predictions(frames[start : start + BATCH]):
                     yield np.asarray(found.mask if found.categories is None else found.categories, np.uint8)
             return
-        answers = _answers(method, frames)
+        answers = method.seen(frames)
         together = not any(frame.observation.is_part_3 for frame in frames)
         shared = shared_category(answers) if together else None
         for frame, answer in zip(frames, answers, strict=True):
             changed = of_category(answer, shared)
             yield class_map(method.mask(changed, frame.rgb()), changed)
-
-
-def _answers(method: ListenerMethod, frames: Sequence[Frame]) -> list[Answer]:
-    """The network's answers for frames."""
-    found: list[Answer] = []
-    for start in range(0, len(frames), BATCH):
-        part = frames[start : start + BATCH]
-        pictures = [frame.rgb() for frame in part]
-        sounds = np.stack([clip_of(frame) for frame in part])
-        cameras = np.asarray([camera_of(frame) for frame in part], np.float32)
-        with inference(method.device, f"{part[0].observation.path}/{part[0].name}"):
-            found += method.answers(pictures, sounds, cameras)
-    return found
 
 
 def shared_category(answers: Sequence[Answer]) -> int:

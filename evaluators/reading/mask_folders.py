@@ -102,7 +102,7 @@ def score_folders(truth: Path, prediction: Path, options: FolderOptions) -> Fold
     if options.convention == "avs3d":
         figures = Accumulator()
         for clip in clips:
-            figures.add_clip(_truths(clip, _mask), _predictions(clip, _probability if options.soft else _mask))
+            figures.add_clip(_truths(clip, _mask), _predictions(clip, read_probability if options.soft else _mask))
         scored: tuple[Figures, Figures] = figures.compute(), {}
     else:
         scored = (_classes if options.convention == "avss" else _masks)(clips, options)
@@ -134,7 +134,7 @@ def _masks(clips: Sequence[Clip], options: FolderOptions) -> tuple[Figures, Figu
     pairs, convention = list(chain.from_iterable(clips)), options.convention
 
     def given() -> tuple[Iterator[NDArray[Any]], Iterator[NDArray[Any]]]:
-        found = _predictions(pairs, _probability if options.soft else _mask)
+        found = _predictions(pairs, read_probability if options.soft else _mask)
         return _truths(pairs, _mask), (_values_for(convention, frame) for frame in found)
 
     module: Any = {"combo": combo, "ref-avs": ref_avs}.get(convention, avsbench)
@@ -247,7 +247,12 @@ def _mask(path: Path) -> NDArray[np.bool_]:
         raise Avs3dError(f"{error}; --soft reads the grey levels of predictions as probabilities") from None
 
 
-def _probability(path: Path) -> NDArray[np.float32]:
+def read_probability(path: Path) -> NDArray[np.float32]:
+    """(H, W) the grey levels of a soft mask as probabilities: 255, or 65535 with 16 bits, is 1.
+
+    Raises:
+        Avs3dError: if the file is damaged, or has colours.
+    """
     pixels = _grey(path)
     return np.asarray(pixels / np.float32(np.iinfo(pixels.dtype).max), dtype=np.float32)
 

@@ -131,6 +131,10 @@ def _print_notes(scores: Scores, out: Console) -> None:
     ):
         names = ", ".join(kind.replace("_", "-") for kind in PAIR_KINDS)
         out.print(Text(f"{names}: pair accuracy by kind of pair", style="dim"))
+    if scores.soft is not None:
+        means = [*scores.soft.parts.items(), ("overall", scores.soft.overall)]
+        text = ", ".join(f"{name} ({one.count}) {_number(one.AP)}" for name, one in means)
+        out.print(Text(f"average precision of soft masks: {text}"), soft_wrap=True)
     part = scores.dataset
     if part.scored < part.observations:
         out.print(Text(f"{part.scored} of {part.observations} observations were asked for: no score of the benchmark"))

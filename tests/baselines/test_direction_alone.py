@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -34,7 +35,7 @@ def walk() -> list[RegisteredView]:
         yaw = math.atan2(-x, 3.0)
         rotation = np.array([[math.cos(yaw), 0, math.sin(yaw)], [0, 1, 0], [-math.sin(yaw), 0, math.cos(yaw)]])
         camera = Intrinsics.from_fov(CELLS, 90.0)
-        frame: Any = None
+        frame: Any = SimpleNamespace(observation=SimpleNamespace(path="part_1/home/kitchen/1"))
         out.append(RegisteredView(f"frame_{number:03d}", "train", camera, rotation, np.array([x, 0.0, 0.0]), frame))
     return out
 
@@ -111,7 +112,7 @@ def method(cues: direction_alone.Cues, answers: list[Answer], monkeypatch: pytes
     found = np.zeros((60, 3)), labels, np.where(labels == 0, CLOCK, TELEPHONE)
     monkeypatch.setattr(direction_alone, "candidates", lambda *_: found)
     made = direction_alone.DirectionMethod(ListenerMethod(None, torch.device("cpu"), "0" * 64), cues)
-    monkeypatch.setattr(type(made), "seen", lambda *_: answers)
+    monkeypatch.setattr(ListenerMethod, "seen", lambda *_: answers)
     monkeypatch.setattr(type(made), "_clips", lambda *_: np.zeros((len(answers), 2, 44_100), np.float32))
     return made
 
@@ -148,12 +149,20 @@ def test_in_part_3_a_name_that_is_heard_confirms_a_candidate_and_another_one_doe
     posterior = np.array([[0.4, 0.4], [0.4, 0.9]])
     monkeypatch.setattr(direction_alone, "cluster_activity", lambda *_, **__: SimpleNamespace(posterior=posterior))
     answers = [named({CLOCK: 0.9}), named({CLOCK: 0.9})]
-    labels = np.repeat([0, 1], [40, 20])
-    found = np.zeros((60, 3)), labels, np.where(labels == 0, CLOCK, TELEPHONE), walk()[:2], answers
-    both = method("both", answers, monkeypatch)._sounding(*found)
-    assert both.tolist() == [[True, False], [True, True]]
-    alone = method("direction", answers, monkeypatch)._sounding(*found)
-    assert alone.tolist() == [[False, False], [False, True]]
+    both, views = method("both", answers, monkeypatch), walk()[:2]
+    _, *found = both._odds(views, views, answers)
+    assert both._sounding(*found, answers).tolist() == [[True, False], [True, True]]
+    assert replace(both, cues="direction")._sounding(*found, answers).tolist() == [[False, False], [False, True]]
+
+
+def test_what_does_not_depend_on_names_is_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    choices = iter([SimpleNamespace(labels=np.arange(2), scores=np.zeros(2), heard=9)])
+    monkeypatch.setattr(spatial, "choose", lambda *_: next(choices))
+    alone = method("direction", [named({TELEPHONE: 0.9})] * 9, monkeypatch)
+    first, second = alone._chosen(walk()), replace(alone, cues="both")._chosen(walk())
+    assert first is not None
+    assert second is not None
+    assert (first[1], second[1]) == (CLOCK, TELEPHONE)
 
 
 def test_where_the_network_misses_the_chosen_object_its_silhouette_lowers_the_threshold(found: Any) -> None:
