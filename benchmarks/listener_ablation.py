@@ -338,7 +338,7 @@ def _opened(folder: Path) -> ShardStore:
 def _spread(numbers: Sequence[int]) -> NDArray[np.int64]:
     """At most `MOST_FRAMES` of them, evenly."""
     chosen = np.linspace(0, len(numbers) - 1, min(len(numbers), MOST_FRAMES)).round().astype(int)
-    return np.asarray(numbers, np.int64)[chosen]
+    return np.asarray([numbers[n] for n in chosen], np.int64)
 
 
 # ---- scores
@@ -420,7 +420,8 @@ def surest_is_near(odds: Any, batch: Any) -> Any:
     fx, fy, cx, cy = batch.cameras.T[..., None, None]
     across = ((torch.arange(width, device=odds.device) + 0.5) / width - cx) / fx
     down = ((torch.arange(height, device=odds.device)[:, None] + 0.5) / height - cy) / fy
-    rays = torch.stack(torch.broadcast_tensors(across, down, torch.ones_like(across)), dim=-1).flatten(1, 2)
+    each = (across.expand_as(odds), down.expand_as(odds), torch.ones_like(odds))
+    rays = torch.stack(each, dim=-1).flatten(1, 2)
     rays = rays / rays.norm(dim=-1, keepdim=True)
     surest = rays.gather(1, odds.flatten(1).argmax(dim=1)[:, None, None].expand(-1, -1, 3))
     cosine = (rays * surest).sum(dim=-1).masked_fill(~batch.masks.flatten(1), -1.0).amax(dim=1)

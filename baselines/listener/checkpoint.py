@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from torch import Tensor
 from torch.optim.swa_utils import AveragedModel
 
 from avs3d_bench.errors import Avs3dError, UsageError
@@ -106,7 +107,8 @@ class State:
         Over the first steps it forgets faster. `AveragedModel.update_parameters` makes the host wait for the device.
         """
         number, module = int(self.average.n_averaged), self.average.module
-        averaged, current = list(module.parameters()), list(self.network.parameters())
+        averaged: list[Tensor] = list(module.parameters())
+        current: list[Tensor] = list(self.network.parameters())
         if number:
             change = torch._foreach_sub(current, averaged)
             torch._foreach_mul_(change, 1 - min((1 + number) / (10 + number), decay))

@@ -270,4 +270,5 @@ def _istft(spectrum: Tensor, shape: torch.Size) -> Tensor:
     out[..., :-1] += pieces[..., :half, 1:]
     weight = window[half:].square()[:, None].repeat(1, out.shape[-1])
     weight[:, :-1] += window[:half].square()[:, None]
-    return (out / weight).transpose(-1, -2).flatten(-2)[..., : shape[-1]]
+    found: Tensor = (out / weight).transpose(-1, -2).flatten(-2)[..., : shape[-1]]
+    return found

@@ -123,9 +123,8 @@ class _PendingStep:
         host = numbers.to("cpu", non_blocking=True)
         if not numbers.is_cuda:
             return cls(step, plan, host, None)
-        arrived = torch.cuda.Event()
-        arrived.record(torch.cuda.current_stream(numbers.device))
-        return cls(step, plan, host, arrived)
+        # On the stream of the device that computes.
+        return cls(step, plan, host, torch.cuda.current_stream(numbers.device).record_event())
 
     def read(self) -> tuple[dict[str, float], float, float]:
         """The terms by name, the loss, and the norm of its gradients; waits for this step, not for later ones."""

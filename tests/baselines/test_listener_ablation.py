@@ -30,10 +30,9 @@ def store(keys: list[str], views: list[int]) -> ShardStore:
         others=[False] * count, lateral=[float(n) for n in range(count)], groups=[f"g{n}" for n in range(shown)],
         homes=[f"h{n}" for n in range(shown)], cameras=[[0.5] * 4] * shown, present=[[]] * shown,
     )  # fmt: skip
-    return ShardStore(
-        table, pictures=np.arange(shown)[:, None], classes=np.arange(shown)[:, None], sounds=np.arange(count)[:, None],
-        masks=np.arange(count)[:, None], marked=np.arange(count), extents=np.arange(shown)[:, None],
-    )  # type: ignore[arg-type]  # fmt: skip
+    each: dict[str, Any] = {name: np.arange(shown)[:, None] for name in ("pictures", "classes", "extents")}
+    each |= {name: np.arange(count)[:, None] for name in ("sounds", "masks", "marked")}
+    return ShardStore(table, **each)
 
 
 def test_a_part_of_a_store_has_the_pictures_of_its_sounds() -> None:
@@ -133,15 +132,9 @@ def test_the_surest_pixel_may_lie_a_little_beside_what_sounds() -> None:
     assert ablation.surest_is_near(odds, batch).tolist() == [True, False, True, False]
 
 
-class Saying(torch.nn.Module):  # type: ignore[misc]
+def saying(marked: Any, loudest: list[int]) -> Any:
     """A network whose answers are known: masks at stride 2, and loudest categories."""
-
-    def __init__(self, marked: Any, loudest: list[int]) -> None:
-        super().__init__()
-        self.answers = 12.0 * marked[:, ::2, ::2].float() - 6, torch.eye(8)[loudest]
-
-    def forward(self, *_: Any) -> Any:
-        return SimpleNamespace(mask=self.answers[0], audible=self.answers[1])
+    return lambda *_: SimpleNamespace(mask=12.0 * marked[:, ::2, ::2].float() - 6, audible=torch.eye(8)[loudest])
 
 
 def test_figures_are_those_of_the_mask_of_the_surest_pixel_and_of_the_loudest_category(
@@ -159,9 +152,9 @@ def test_figures_are_those_of_the_mask_of_the_surest_pixel_and_of_the_loudest_ca
     )  # fmt: skip
     monkeypatch.setattr("baselines.listener.model.hear", lambda *_: None)
     bank, fabric = SimpleNamespace(gather=lambda *_: batch), SimpleNamespace(autocast=nullcontext)
-    table = SimpleNamespace(view=[0, 1, 2, 3], audible=[[]] * 4, others=[False] * 4)
-    network = Saying(columns(slice(0, 64), slice(0, 128), slice(188, 252), slice(0, 9)), [0, 1, 1, 3])
-    found = ablation.look_at(network, bank, table, np.arange(4), fabric)  # type: ignore[arg-type]
+    table: Any = SimpleNamespace(view=[0, 1, 2, 3], audible=[[]] * 4, others=[False] * 4)
+    network = saying(columns(slice(0, 64), slice(0, 128), slice(188, 252), slice(0, 9)), [0, 1, 1, 3])
+    found = ablation.look_at(network, bank, table, np.arange(4), fabric)
     figures = ablation.figures_of(found, ablation.THRESHOLDS.index(0.5))
     # Right; twice as wide, its surest pixel within the object; elsewhere. The fourth marks what is silent.
     assert figures["strict_IoU"] == pytest.approx((1 + 0.5 + 0) / 3, abs=0.01)
