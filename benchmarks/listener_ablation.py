@@ -45,7 +45,7 @@ from avs3d_bench.runtime.parallel import process_each
 from baselines.listener.batches import BatchPlan, SoundKind, split_homes
 from baselines.listener.shards import SIDE, ShardStore, ShardTable, open_store, read_store
 from benchmarks.listener_seeds import cell
-from benchmarks.listener_summary import MISSING
+from benchmarks.listener_summary import MISSING, table
 
 #: Figures of a set, see `figures_of`.
 FIGURES = {"strict_IoU": "strict IoU", "FP_rate": "FP rate", "direction": "direction", "category": "category"}
@@ -93,9 +93,9 @@ ARMS = {
     "half of the homes": Arm(homes=0.5),
     "three quarters of the homes": Arm(homes=0.25),
     "half of the voices": Arm(voices=0.5),
-    "as many sounds": Arm(voices=0.5, every_voice=True),
+    "as many sounds as with half of the voices": Arm(voices=0.5, every_voice=True),
     "three quarters of the voices": Arm(voices=0.25),
-    "as many sounds again": Arm(voices=0.25, every_voice=True),
+    "as many sounds as with a quarter of the voices": Arm(voices=0.25, every_voice=True),
     **{name: Arm(without=(name,)) for name in (*_SOUNDS, *_PICTURES)},
 }
 
@@ -107,6 +107,13 @@ def beginning_of(title: str) -> str:
         return arm.homes, set(arm.without) & set(_PICTURES)
 
     return next(each for each in ARMS if seen(ARMS[each]) == seen(ARMS[title]))
+
+
+def compared_with(title: str) -> str:
+    """The arm that another is compared with: with nothing left out; of few voices, that of as many sounds."""
+    arm = ARMS[title]
+    few = arm.voices < 1 and not arm.every_voice
+    return next(each for each in ARMS if ARMS[each] == replace(arm, every_voice=True)) if few else "nothing"
 
 
 @dataclass(frozen=True)
@@ -558,7 +565,7 @@ def _begun(plan: Trainings, title: str, seed: int) -> bool:
 def collected(work: Path, seeds: int = 100) -> dict[str, Any]:
     """The figures of all arms: set → figure → mean and values of the seeds.
 
-    ``change`` is that of strict IoU, against the same seeds with nothing left out.
+    ``change`` is that of strict IoU against the same seeds of the arm that `compared_with` names.
 
     Args:
         work: folder of trainings.
@@ -570,9 +577,9 @@ def collected(work: Path, seeds: int = 100) -> dict[str, Any]:
         }
         for title in ARMS
     }
-    usual = {seed: run["figures"] for seed, run in read["nothing"].items()}
     arms: dict[str, Any] = {}
     for title, runs in read.items():
+        usual = {seed: run["figures"] for seed, run in read[compared_with(title)].items()}
         for name in next(iter(runs.values()))["figures"] if runs else ():
             found = {seed: run["figures"][name] for seed, run in runs.items()}
             row = {figure: _over([one[figure] for one in found.values()]) for figure in FIGURES}
@@ -607,6 +614,23 @@ def table_rows(arms: Mapping[str, Any]) -> list[list[str]]:
         for title in ARMS
         if title in arms
     ]
+
+
+def summary(document: Mapping[str, Any]) -> str:
+    """The table of the docs as Markdown, and the steps of all trainings.
+
+    Args:
+        document: of `collected`.
+    """
+    arms, plan = document["arms"], document["trainings"]
+    sets = [name for name in next(iter(arms.values())) if name not in ("data", "seeds")]
+    columns = ("strict IoU", "change", "direction", "category")
+    head = ["left out", "homes, sounds", "seeds", *(f"{name}: {column}" for name in sets for column in columns)]
+    said = (
+        f"{plan['picture_steps']:,} steps with {plan['batch']} parts of pictures, then {plan['sound_steps']:,} with "
+        f"{plan['batch']} sounds."
+    )
+    return "\n".join([*table(head, table_rows(arms)), said])
 
 
 def _cells(row: Mapping[str, Any]) -> list[str]:

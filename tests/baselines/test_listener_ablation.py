@@ -189,10 +189,14 @@ def test_changes_are_those_of_the_same_seeds(tmp_path: Path) -> None:
     trained("half of the homes", 1, 0.35)
     trained("half of the homes", 2, 0.90)
     trained("decay", 0, None)  # no frame shows what sounds
+    trained("half of the voices", 0, 0.2)
+    trained("as many sounds as with half of the voices", 0, 0.25)
     found = ablation.collected(tmp_path)
     arms = found["arms"]
     assert found["trainings"] == {"sound_steps": 5}
-    assert list(arms) == ["nothing", "half of the homes", "decay"]
+    few, many = "half of the voices", "as many sounds as with half of the voices"
+    assert list(arms) == ["nothing", "half of the homes", few, many, "decay"]
+    assert (arms[few]["a"]["change"]["mean"], arms[many]["a"]["change"]["mean"]) == (-0.05, -0.05)
     assert (arms["decay"]["a"]["strict_IoU"], arms["decay"]["a"]["change"]) == (None, None)
     assert arms["half of the homes"]["a"]["strict_IoU"]["values"] == [0.35, 0.9]
     assert arms["half of the homes"]["b"]["change"]["values"] == [-0.05]
@@ -200,3 +204,6 @@ def test_changes_are_those_of_the_same_seeds(tmp_path: Path) -> None:
     assert [row[0] for row in rows] == list(arms)
     assert rows[1][:5] == ["half of the homes", "44, 4,000", "2", ".625 (.350–.900)", "−.050 (−.050 to −.050)"]
     assert len(rows[1]) == 3 + 2 * 4
+    shown = ablation.summary({"arms": arms, "trainings": {"picture_steps": 1500, "sound_steps": 900, "batch": 64}})
+    assert "| a: strict IoU | a: change |" in shown
+    assert shown.endswith("1,500 steps with 64 parts of pictures, then 900 with 64 sounds.")
