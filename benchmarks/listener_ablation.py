@@ -1,63 +1,70 @@
 """What each random change of the training is worth, and more homes and voices: small networks, equal steps.
 
-    python -m benchmarks.listener_ablation manifests DIR --recordings FOLDER
-    avs3d generate DIR/NAME.yaml -o DATA/NAME --format webdataset …      # each of the manifests
-    python -m benchmarks.listener_ablation decode DATA NAME …
-    python -m benchmarks.listener_ablation train DATA -o WORK --picture-steps N --steps N
+    python -m benchmarks.listener_ablation decode DATA train tune     # the shards in DATA/train: DATA/train-cache, …
+    python -m benchmarks.listener_ablation train DATA/train DATA/train-cache -o WORK --test NAME=CACHE … --minutes 13
     python -m benchmarks.listener_ablation collect WORK -o docs/results/listener-ablation.json
 
-``manifests`` writes ``all`` (the first homes of train.yaml), ``half`` and ``quarter`` (half of these homes, with so
-many of the voices of each category, else alike), ``validation`` (marks-tune.yaml: other homes, voices for validation)
-and ``recordings`` (the same with recordings in place of voices; only the categories of which FOLDER has some).
-``train`` trains each of `ARMS` with three seeds, several networks at a time, and scores them on the last two sets. Each
-result is a file, and what is there is not trained again. Runs that differ in changes of sounds alone share the steps
-that learn from pictures alone: these are the same for all of them.
+``train`` uses every n-th frame of the training data. It trains each of `ARMS` with some seeds, several networks at a
+time on one device, seed by seed. It measures how fast they are and chooses so many steps, the same for all, that all
+end in time. Each result is a file at once, and what is there is not trained again. Arms that see the same pictures
+share the steps that learn from pictures alone.
 
-Of a network, over the frames of all walks (`scores`): strict IoU and false marks, whether the pixel that it is surest
-of lies within 5° of what sounds, and whether the loudest category is right. Threshold and temperatures are chosen on
-homes that the run keeps (`baselines.listener.calibration`).
+Arms of voices learn from the observations all of whose sounds are among a share of the voices of each category, drawn
+anew for each seed; beside each is one of as many observations of each kind with all voices.
+
+Scored are the homes that training keeps, half of which choose the threshold, and the sets of ``--test``. Figures are
+means over frames, see `figures_of`.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import multiprocessing
 import shutil
 import time
-from collections.abc import Collection, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from statistics import fmean
 from typing import Any
 
 import click
 import numpy as np
-import yaml
+from numpy.typing import NDArray
 
 from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.exports.observation_tar import read_head
+from avs3d_bench.exports.shard_files import list_shards
 from avs3d_bench.formats.files import read_json, write_json
-from avs3d_bench.geometry import Intrinsics
-from avs3d_bench.runtime.file_lock import wait_for_lock
-from baselines.listener.batches import split_homes
+from avs3d_bench.runtime.parallel import process_each
+from baselines.listener.batches import BatchPlan, SoundKind, split_homes
+from baselines.listener.shards import SIDE, ShardStore, ShardTable, open_store, read_store
 from benchmarks.listener_seeds import cell
-from benchmarks.listener_summary import MISSING
+from benchmarks.listener_summary import MISSING, table
 
-MANIFESTS = Path(__file__).parent.parent / "scenes_manifest"
-#: Share of the voices of each category, by the name of the set of training data; all but the first have half the homes.
-VOICES = {"all": 1.0, "half": 0.5, "quarter": 0.25}
-#: Sets that networks are scored on.
-TESTS = {"validation": "validation voices", "recordings": "other recordings"}
-#: Figures of a set, see `scores`.
-FIGURES = {"strict_IoU": "strict IoU", "direction": "direction", "category": "category"}
-#: Of a folder of trainings: figures of each, and what they have in common.
-RESULTS, PLAN = "results", "trainings.json"
+#: Figures of a set, see `figures_of`.
+FIGURES = {"strict_IoU": "strict IoU", "FP_rate": "FP rate", "direction": "direction", "category": "category"}
+#: The set of the homes that training keeps.
+KEPT = "other homes"
+#: In the work folder: figures of each training; what they have in common; sounds of each observation; all results.
+RESULTS, PLAN, VOICES, COLLECTED = "results", "trainings.json", "voices.json", "listener-ablation.json"
 #: How far from what sounds the surest pixel may lie (degrees).
 NEAR_DEGREES = 5.0
-#: Frames that go through a network at a time.
-_BATCH = 16
+#: Probabilities above which a pixel may be marked; smallest mark, as a share of a picture.
+THRESHOLDS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98)
+#: Most frames of a set that are scored, and how many go through a network at a time.
+MOST_FRAMES, _BATCH = 512, 32
+#: Steps with pictures alone for each with sounds.
+PICTURE_SHARE = 1.5
+#: Steps before the rate is measured, and over which it is.
+TIMED = (20, 60)
+#: Share of the time that is planned for, and what a training takes besides its steps (s).
+PLANNED, BESIDES = 0.8, 6.0
 
 
 @dataclass(frozen=True)
@@ -67,30 +74,46 @@ class Arm:
     Attributes:
         without: random changes that are left out.
         homes: share of the training homes.
-        voices: name in `VOICES`.
+        voices: share of the voices of each category.
+        every_voice: learn from as many observations as with that share of the voices, but with all voices.
     """
 
     without: tuple[str, ...] = ()
     homes: float = 1.0
-    voices: str = "all"
+    voices: float = 1.0
+    every_voice: bool = False
 
 
-_SOUNDS = {
-    "disguise": ("disguise",), "eq": ("eq",), "band": ("band",), "gain, noise": ("gain", "noise"), "codec": ("codec",),
-    "decay": ("decay",), "ears": ("ears",),
-}  # fmt: skip
+_SOUNDS = ("disguise", "eq", "band", "gain", "noise", "codec", "decay", "ears")
 _PICTURES = ("blur", "colour", "grain", "jpeg")
-#: Title in the docs → arm; in the order in which they are trained, as far as their data is there.
+#: Title in the docs → arm, in the order in which they are trained.
 ARMS = {
     "nothing": Arm(),
-    "all changes": Arm(without=tuple(sorted(sum(_SOUNDS.values(), _PICTURES)))),
-    "colour, blur, grain, jpeg": Arm(without=_PICTURES),
+    "all changes": Arm(without=tuple(sorted((*_SOUNDS, *_PICTURES)))),
     "half of the homes": Arm(homes=0.5),
-    "half of the homes, half of the voices": Arm(voices="half"),
-    "half of the homes, three quarters of the voices": Arm(voices="quarter"),
     "three quarters of the homes": Arm(homes=0.25),
-    **{title: Arm(without=names) for title, names in _SOUNDS.items()},
+    "half of the voices": Arm(voices=0.5),
+    "as many sounds as with half of the voices": Arm(voices=0.5, every_voice=True),
+    "three quarters of the voices": Arm(voices=0.25),
+    "as many sounds as with a quarter of the voices": Arm(voices=0.25, every_voice=True),
+    **{name: Arm(without=(name,)) for name in (*_SOUNDS, *_PICTURES)},
 }
+
+
+def beginning_of(title: str) -> str:
+    """The first arm that sees the same pictures as another: both share the steps that learn from pictures alone."""
+
+    def seen(arm: Arm) -> Any:
+        return arm.homes, set(arm.without) & set(_PICTURES)
+
+    return next(each for each in ARMS if seen(ARMS[each]) == seen(ARMS[title]))
+
+
+def compared_with(title: str) -> str:
+    """The arm that another is compared with: with nothing left out; of few voices, that of as many sounds."""
+    arm = ARMS[title]
+    few = arm.voices < 1 and not arm.every_voice
+    return next(each for each in ARMS if ARMS[each] == replace(arm, every_voice=True)) if few else "nothing"
 
 
 @dataclass(frozen=True)
@@ -98,288 +121,475 @@ class Trainings:
     """What all trainings have in common.
 
     Attributes:
-        data: folder with decoded sets, ``NAME-cache``.
+        cache: decoded frames to train on.
+        tests: name → decoded frames to score.
         work: where results go.
-        steps: of all, with the next.
-        picture_steps: how many of them learn from pictures alone.
+        frames: most sounds of the training data that are used.
         batch: sounds of a batch.
         size: of the network.
         accelerator: cpu or cuda.
-        precision: of the computation.
+        picture_steps: that learn from pictures alone, the first ones.
+        sound_steps: that follow.
     """
 
-    data: Path
+    cache: Path
+    tests: dict[str, Path]
     work: Path
-    steps: int
-    picture_steps: int
+    frames: int
     batch: int
     size: str
     accelerator: str
-    precision: str
+    picture_steps: int = 0
+    sound_steps: int = 0
 
     def result(self, title: str, seed: int) -> Path:
         """The file of an arm's figures with a seed."""
-        return self.work / RESULTS / result_name(title, seed)
+        return self.work / RESULTS / f"{_name(title, seed)}.json"
+
+    def beginning(self, title: str, seed: int) -> Path:
+        """The folder of the steps of an arm that learn from pictures alone."""
+        return self.work / "pictures" / _name(beginning_of(title), seed)
 
 
-def result_name(title: str, seed: int) -> str:
-    """Name of the file of an arm's figures with a seed."""
-    return f"{title.replace(', ', '-').replace(' ', '-')}-{seed}.json"
-
-
-def _decoded(name: str) -> str:
-    return f"{name}-cache"
+def _name(title: str, seed: int) -> str:
+    return f"{title.replace(' ', '-')}-{seed}"
 
 
 # ---- data
 
 
-def half_of(homes: Sequence[str]) -> set[str]:
-    """Homes of which a run learns from the same half as one that has all of them and takes half: ``Arm(homes=0.5)``."""
-    kept = split_homes(homes)[1]
-    half = split_homes(homes, _share(homes, 0.5))[0]
-    with_some = (half.union(sorted(kept)[:count]) for count in range(1, len(kept) + 1))
-    return next(each for each in with_some if split_homes(sorted(each))[0] == half)
+def voices_of(shards: Path) -> dict[str, list[tuple[str, str]]]:
+    """Key of an observation → category and voice of each of its sources, from shards of `avs3d generate`."""
+    paths = [shard.path for shard in list_shards(shards) if shard.path.name.startswith("test-")]  # each has one
+    heads = (head for _, (head, _) in process_each(read_head, paths))
+    return {head.key: [(source.category, source.asset) for source in head.sound_sources] for head in heads}
 
 
-def _share(homes: Sequence[str], share: float) -> int:
-    """How many training homes are a share of all."""
-    return max(1, round(share * len(split_homes(homes)[0])))
+def thinned(table: ShardTable, most: int) -> NDArray[np.int64]:
+    """Sounds of every n-th frame of all observations, at most so many; siblings have the same frames."""
+    frames = np.asarray([int(key.rpartition("_")[2]) for key in table.keys])
+    every = next(n for n in range(1, len(frames) + 2) if (frames % n == 0).sum() <= most or n > frames.max())
+    return np.flatnonzero(frames % every == 0)
 
 
-def training_manifest(document: dict[str, Any], homes: Collection[str], share: float) -> dict[str, Any]:
-    """A manifest of some homes of another, with a share of the voices of each of the seven categories.
+def part_of(store: ShardStore, sounds: Iterable[int]) -> ShardStore:
+    """Some of the sounds of a store, with their pictures, in memory; its digest is that of the whole store."""
+    kept = np.asarray(list(sounds), np.int64)
+    views, view = np.unique(np.asarray(store.table.view, np.int64)[kept], return_inverse=True)
+    of_sounds, of_views = ("keys", "audible", "others", "lateral"), ("groups", "homes", "cameras", "present")
+    chosen: dict[str, Any] = {name: [getattr(store.table, name)[n] for n in kept] for name in of_sounds}
+    chosen |= {name: [getattr(store.table, name)[n] for n in views] for name in of_views}
+    table = replace(store.table, view=view.tolist(), **chosen)
+    arrays = {name: getattr(store, name)[kept] for name in ("sounds", "masks", "marked")}
+    return ShardStore(
+        table, **arrays, **{name: getattr(store, name)[views] for name in ("pictures", "classes", "extents")}
+    )
+
+
+def with_voices(played: Mapping[str, Sequence[tuple[str, str]]], arm: Arm, seed: int) -> set[str]:
+    """The observations that an arm of voices learns from.
+
+    Voices of no class are not what is learnt: all of them are taken.
 
     Args:
-        document: of `train.yaml`.
-        homes: their names.
-        share: of the voices, the first ones; at least one.
+        played: of `voices_of`.
+        arm: which share of the voices.
+        seed: of the choice.
     """
-    kept = {name: scan for name, scan in document["scans"].items() if name in homes}
-    voices = {
-        name: names[: max(1, round(share * len(names)))] if name in CATEGORIES else names
-        for name, names in document["voices"].items()
-    }
-    chosen = [each for each in document["observations"] if _scan(each) in kept]
-    return document | {"light": "preview", "scans": kept, "voices": voices, "observations": chosen}
+
+    def place(*names: str) -> str:
+        return hashlib.sha256("/".join((str(seed), *names)).encode()).hexdigest()
+
+    named: dict[str, set[str]] = defaultdict(set)
+    for category, voice in (each for sounds in played.values() for each in sounds):
+        named[category].add(voice)
+    chosen: set[str] = set()
+    for category, voices in named.items():
+        ranked = sorted(voices, key=lambda voice: place(category, voice))
+        chosen |= set(ranked[: max(1, round(arm.voices * len(ranked)))] if category in CATEGORIES else ranked)
+    inside = {key for key, sounds in played.items() if all(voice in chosen for _, voice in sounds)}
+    if not arm.every_voice:
+        return inside
+    # As many of each combination of categories.
+    kinds: dict[tuple[str, ...], list[str]] = defaultdict(list)
+    for key, sounds in played.items():
+        kinds[tuple(sorted(category for category, _ in sounds))].append(key)
+    ranked_keys = (sorted(keys, key=place)[: len(inside.intersection(keys))] for keys in kinds.values())
+    return {key for keys in ranked_keys for key in keys}
 
 
-def recorded_manifest(document: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """A manifest's observations of the categories of which a folder has recordings, which are played there.
+# ---- one process
+
+
+class Trainer:
+    """A process that trains one network after the other; the data stay on its device.
 
     Args:
-        document: of a manifest with one source in each observation.
-        folder: has a folder of sound files for each category.
+        plan: of all trainings; without steps it can be timed alone.
     """
-    licence = {"name": "none stated", "author": "see docs/sounds.md"}
-    files = {name: sorted(path for path in (folder / name).glob("*") if path.is_file()) for name in CATEGORIES}
-    sounds = {name: [{"file": str(path.resolve()), "licence": licence} for path in files[name]] for name in CATEGORIES}
-    sounds = {name: found for name, found in sounds.items() if found}
-    chosen = [each for each in document["observations"] if each["category"] in sounds]
-    voices = {name: names for name, names in document["voices"].items() if name not in sounds}
-    return document | {"sounds": sounds, "voices": voices, "observations": chosen}
+
+    def __init__(self, plan: Trainings) -> None:
+        import torch
+
+        from baselines.listener.augment import Bank
+        from baselines.listener.job import TrainingOptions, make_fabric
+
+        torch.set_num_threads(1)
+        torch.set_float32_matmul_precision("high")
+        torch.backends.cudnn.benchmark = True
+        self.plan = plan
+        options = TrainingOptions(plan.cache, plan.work, epochs=1, accelerator=plan.accelerator)
+        self.fabric = make_fabric(options, "bf16-mixed" if plan.accelerator == "cuda" else "32-true")
+        self.fabric.launch()
+        store = _opened(plan.cache)
+        self.store = part_of(store, thinned(store.table, plan.frames))
+        self.bank = Bank(self.store, self.fabric.device)
+        self.training = len(split_homes(self.store.table.homes)[0])
+        table, homes = self.store.table, sorted(split_homes(self.store.table.homes)[1])
+        choosing, scored = ([n for n, v in enumerate(table.view) if table.homes[v] in half]
+                            for half in (homes[::2], homes[1::2] or homes))  # fmt: skip
+        self.choosing = self.bank, table, _spread(choosing)
+        self.tests: dict[str, tuple[Any, ShardTable, NDArray[np.int64]]] = {KEPT: (self.bank, table, _spread(scored))}
+        for name, folder in plan.tests.items():
+            test = _opened(folder)
+            test = part_of(test, _spread(range(len(test.table.keys))))
+            self.tests[name] = Bank(test, self.fabric.device), test.table, np.arange(len(test.table.keys))
+
+    def seconds(self) -> tuple[float, float]:
+        """Seconds of a step with pictures alone, and of one with sounds."""
+        warm, timed = TIMED
+        settings = replace(self._settings("nothing", 0), picture_steps=warm + timed, steps=3 * (warm + timed))
+        folder = self.plan.work / "runs" / f"timed-{multiprocessing.current_process().pid}"
+        found = []
+        for start in (0, warm + timed):
+            self._train(folder, settings, stop_at=start + warm)
+            began = time.monotonic()
+            self._train(folder, settings, stop_at=start + warm + timed)
+            found.append((time.monotonic() - began) / timed)
+        shutil.rmtree(folder)
+        return found[0], found[1]
+
+    def look(self, title: str, seed: int) -> None:
+        """Take the steps of an arm that learn from pictures alone."""
+        settings = replace(self._settings(title, seed), without=tuple(sorted({*ARMS[title].without} & {*_PICTURES})))
+        self._train(self.plan.beginning(title, seed), settings, stop_at=settings.picture_steps)
+
+    def listen(self, title: str, seed: int) -> None:
+        """Take the other steps of an arm, score the network and write the file of its figures."""
+        from baselines.listener.augment import Bank
+        from baselines.listener.checkpoint import CHECKPOINT
+
+        began, arm = time.monotonic(), ARMS[title]
+        folder = self.plan.work / "runs" / _name(title, seed)
+        folder.mkdir(parents=True, exist_ok=True)
+        shutil.copy(self.plan.beginning(title, seed) / CHECKPOINT, folder / CHECKPOINT)
+        store, bank = self.store, self.bank
+        if arm.voices < 1:
+            keys = with_voices(read_json(self.plan.work / VOICES), arm, seed)
+            store = part_of(store, self._of(keys))
+            bank = Bank(store, self.fabric.device)
+        settings = self._settings(title, seed)
+        result = self._train(folder, settings, store=store, bank=bank)
+        shutil.rmtree(folder)
+        network = result.network.eval()
+        threshold = best_threshold(self._looked(network, *self.choosing))
+        found = {name: figures_of(self._looked(network, *test), threshold) for name, test in self.tests.items()}
+        homes = split_homes(store.table.homes, settings.homes)[0]
+        views = {number for number, home in enumerate(store.table.homes) if home in homes}
+        data = {"homes": len(homes), "pictures": len(views), "sounds": sum(view in views for view in store.table.view)}
+        write_json(self.plan.result(title, seed), {
+            "figures": found, "data": data, "threshold": THRESHOLDS[threshold],
+            "seconds": round(time.monotonic() - began, 1),
+        })  # fmt: skip
+
+    def _of(self, keys: set[str]) -> list[int]:
+        """The sounds of observations in the training homes; of fewer homes, others would be kept."""
+        table, training = self.store.table, split_homes(self.store.table.homes)[0]
+        every = enumerate(zip(table.keys, table.view, strict=True))
+        return [n for n, (key, view) in every if key.rpartition("/")[0] in keys and table.homes[view] in training]
+
+    def _settings(self, title: str, seed: int) -> Any:
+        from baselines.listener.checkpoint import Settings
+        from baselines.listener.model import SIZES
+
+        plan, arm = self.plan, ARMS[title]
+        return Settings(
+            steps=plan.picture_steps + max(1, plan.sound_steps), picture_steps=plan.picture_steps, batch=plan.batch,
+            seed=seed, widths=SIZES[plan.size], without=arm.without,
+            homes=None if arm.homes == 1 else max(1, round(arm.homes * self.training)),
+        )  # fmt: skip
+
+    def _train(
+        self, folder: Path, settings: Any, stop_at: int | None = None, store: Any = None, bank: Any = None
+    ) -> Any:
+        from baselines.listener.job import flushed
+        from baselines.listener.steps import Schedule
+        from baselines.listener.training import train
+
+        schedule = Schedule(stop_at=stop_at, validate_every=0, checkpoint_minutes=math.inf)
+        with flushed():
+            return train(store or self.store, folder, settings, fabric=self.fabric, schedule=schedule,
+                         bank=bank or self.bank)  # fmt: skip
+
+    def _looked(self, network: Any, bank: Any, table: ShardTable, numbers: NDArray[np.int64]) -> ScoredFrames:
+        return look_at(network, bank, table, numbers, self.fabric)
 
 
-def _scan(observation: dict[str, Any]) -> str:
-    return str(observation["like"].split("/")[1] if "like" in observation else observation["scan"])
-
-
-# ---- one training
-
-
-def train_one(plan: Trainings, title: str, seed: int) -> None:
-    """Train an arm with a seed, score it and write the file of its figures."""
-    import torch
-
-    from baselines.listener.batches import Sampler
-    from baselines.listener.checkpoint import CHECKPOINT
-    from baselines.listener.job import TrainingOptions, calibration_of, flushed, make_fabric
-    from baselines.listener.steps import Schedule
-    from baselines.listener.training import train
-
-    began = time.monotonic()
-    torch.set_float32_matmul_precision("high")
-    torch.backends.cudnn.benchmark = True
-    options = TrainingOptions(plan.data, plan.work, epochs=1, accelerator=plan.accelerator)
-    fabric = make_fabric(options, plan.precision)
-    fabric.launch()
-    arm, store = ARMS[title], _store(plan.data, ARMS[title].voices)
-    settings = _settings(plan, arm, seed, store.table.homes)
-    schedule = Schedule(validate_every=10**9, checkpoint_minutes=math.inf)
-    folder = plan.work / "runs" / plan.result(title, seed).stem
-    # What decides the steps that learn from pictures alone.
-    early = (arm.voices, arm.homes, *(name for name in arm.without if name in _PICTURES), seed)
-    seen = plan.work / "pictures" / "-".join(map(str, early))
-    with flushed():
-        if settings.picture_steps:
-            with wait_for_lock(seen / "lock"):
-                if not (seen / CHECKPOINT).exists():
-                    stopping = replace(schedule, stop_at=settings.picture_steps)
-                    train(store, seen, settings, fabric=fabric, schedule=stopping)
-            folder.mkdir(parents=True, exist_ok=True)
-            shutil.copy(seen / CHECKPOINT, folder / CHECKPOINT)
-        result = train(store, folder, settings, fabric=fabric, schedule=schedule)
-        calibration, _ = calibration_of(result, None, fabric)
-    trained = time.monotonic() - began
-    network = result.network.eval()
-    torch.backends.cudnn.benchmark = False
-    found = {name: scores(network, calibration, _store(plan.data, name), fabric.device) for name in TESTS}
-    sampler = Sampler(store, 1, seed, homes=settings.homes)
-    views = {*sampler.visible.tolist(), *sampler.empty.tolist()}
-    count = sum(view in views for view in store.table.view)
-    data = {"homes": len({store.table.homes[view] for view in views}), "pictures": len(views), "sounds": count}
-    shutil.rmtree(folder)
-    write_json(plan.result(title, seed), {
-        "figures": found, "data": data, "threshold": calibration.threshold, "validation": result.validation,
-        "seconds": [round(trained, 1), round(time.monotonic() - began - trained, 1)],
-    })  # fmt: skip
-
-
-def _settings(plan: Trainings, arm: Arm, seed: int, homes: list[str]) -> Any:
-    from baselines.listener.checkpoint import Settings
-    from baselines.listener.model import SIZES
-
-    return Settings(
-        steps=plan.steps, picture_steps=plan.picture_steps, batch=plan.batch, seed=seed, widths=SIZES[plan.size],
-        without=arm.without, homes=None if arm.homes == 1 else _share(homes, arm.homes),
-    )  # fmt: skip
-
-
-def _store(data: Path, name: str) -> Any:
-    from baselines.listener.shards import open_store
-
-    store = open_store(data / _decoded(name))
+def _opened(folder: Path) -> ShardStore:
+    store = open_store(folder)
     if store is None:
-        raise Avs3dError(
-            f"{data / _decoded(name)}: no decoded frames; run `listener_ablation decode {data} {name}` first"
-        )
+        raise Avs3dError(f"{folder}: no decoded frames; expected a folder of `avs3d train listener --cache`")
     return store
 
 
-def scores(network: Any, calibration: Any, store: Any, device: Any) -> dict[str, float | None]:
-    """Figures of a network on all frames of part_1 and part_2, one look at each, by the rules of prediction.
+def _spread(numbers: Sequence[int]) -> NDArray[np.int64]:
+    """At most `MOST_FRAMES` of them, evenly."""
+    chosen = np.linspace(0, len(numbers) - 1, min(len(numbers), MOST_FRAMES)).round().astype(int)
+    return np.asarray([numbers[n] for n in chosen], np.int64)
+
+
+# ---- scores
+
+
+@dataclass(frozen=True)
+class ScoredFrames:
+    """Of N frames, what `figures_of` needs.
+
+    Attributes:
+        iou: (thresholds, N) IoU of the mask.
+        marked: (thresholds, N) whether anything is marked.
+        shown: (N,) whether something that sounds is in view.
+        near: (N,) whether the surest pixel is near it.
+        single: (N,) whether a single category is audible, and nothing of no class.
+        named: (N,) whether the loudest category is an audible one.
+    """
+
+    iou: NDArray[np.float64]
+    marked: NDArray[np.bool_]
+    shown: NDArray[np.bool_]
+    near: NDArray[np.bool_]
+    single: NDArray[np.bool_]
+    named: NDArray[np.bool_]
+
+
+def look_at(network: Any, bank: Any, table: ShardTable, numbers: NDArray[np.int64], fabric: Any) -> ScoredFrames:
+    """One look of a network at frames, as they are.
 
     Args:
-        network: that predicts.
-        calibration: its temperatures and threshold.
-        store: decoded frames, one sound a picture.
-        device: where the network is.
-
-    Returns:
-        ``strict_IoU`` and ``FP_rate``: of protocol ``strict``, means over observations; ``direction``: share of the
-        frames that show what sounds in which the most probable pixel lies within `NEAR_DEGREES` of it; ``category``:
-        share of the frames with one audible category in which it is the most probable one. None where there is no
-        such frame.
+        network: a `Listener` that does not learn.
+        bank: of decoded frames.
+        table: of the same.
+        numbers: of the sounds.
+        fabric: a launched `lightning.fabric.Fabric`.
     """
     import torch
 
-    from baselines.listener.predict import ListenerMethod
-    from evaluators.metrics.masks import frame_counts, mask_figures, mean
+    from baselines.listener.losses import full_size
+    from baselines.listener.masks import LEAST_AREA, logit
+    from baselines.listener.model import hear
 
-    method = ListenerMethod(network, device, "", calibration.threshold, looks="one", calibration=calibration)
-    counts: dict[str, list[Any]] = {}
-    near: list[float] = []
-    named: list[float] = []
-    numbers = np.arange(len(store.table.keys))
-    for start in range(0, len(numbers), _BATCH):
-        part = numbers[start : start + _BATCH]
-        views = [store.table.view[sound] for sound in part]
-        pictures = [store.pictures[view] for view in views]
-        cameras = np.asarray([store.table.cameras[view] for view in views], np.float32)
-        with torch.inference_mode():
-            answers = method.answers(pictures, np.asarray(store.sounds[part], np.float32), cameras)
-        for sound, picture, camera, answer in zip(part, pictures, cameras, answers, strict=True):
-            truth = np.unpackbits(store.masks[sound], axis=-1)[:, : picture.shape[1]].astype(bool)
-            key = store.table.keys[sound].rpartition("/")[0]
-            counts.setdefault(key, []).append(frame_counts(truth, method.mask(answer, picture)))
-            if truth.any():
-                near.append(_error(truth, answer.mask, camera) <= NEAR_DEGREES)
-            if len(store.table.audible[sound]) == 1:
-                named.append(CATEGORIES[int(answer.audible.argmax())] == store.table.audible[sound][0])
-    strict = [mask_figures(frames) for frames in counts.values()]
-
-    def over(figure: str) -> float | None:
-        return mean(value for each in strict if (value := each[figure]) is not None)
-
-    found = {"strict_IoU": over("IoU"), "FP_rate": over("FP_rate"), "direction": mean(near), "category": mean(named)}
-    return {name: None if value is None else round(value, 4) for name, value in found.items()}
+    found = []
+    with torch.inference_mode():
+        for start in range(0, len(numbers), _BATCH):
+            batch = bank.gather(_plan(table, numbers[start : start + _BATCH]), None)
+            with fabric.autocast():
+                output = network(batch.pictures, hear(batch.sounds, batch.cameras, (SIDE, SIDE)))
+            truth, odds = batch.masks, full_size(output.mask[:, None], (SIDE, SIDE))[:, 0]
+            ious, marked = [], []
+            for threshold in THRESHOLDS:
+                above = odds > logit(threshold)
+                above &= (above.flatten(1).sum(dim=1) >= LEAST_AREA * SIDE**2)[:, None, None]
+                both, either = (above & truth).flatten(1).sum(dim=1), (above | truth).flatten(1).sum(dim=1)
+                ious.append(both / either.clamp(min=1))
+                marked.append(above.flatten(1).any(dim=1))
+            heard = batch.audible[:, : len(CATEGORIES)]
+            loudest = output.audible[:, : len(CATEGORIES)].argmax(dim=1, keepdim=True)
+            found.append((
+                torch.stack(ious), torch.stack(marked), truth.flatten(1).any(dim=1), surest_is_near(odds, batch),
+                batch.audible.sum(dim=1).eq(1) & heard.any(dim=1), heard.gather(1, loudest)[:, 0] > 0,
+            ))  # fmt: skip
+    return ScoredFrames(*(torch.cat(each, dim=-1).cpu().numpy() for each in zip(*found, strict=True)))
 
 
-def _error(truth: Any, odds: Any, camera: Any) -> float:
-    """Degrees from the pixel with the largest log-odds to what sounds."""
-    from evaluators.metrics import pointing
+def _plan(table: ShardTable, numbers: NDArray[np.int64]) -> BatchPlan:
+    """Frames with their own sounds."""
+    pairs = np.stack([numbers, np.full_like(numbers, -1)], axis=1)
+    audible = [[*(name in table.audible[n] for name in CATEGORIES), table.others[n]] for n in numbers]
+    views = np.asarray(table.view, np.int64)[numbers]
+    return BatchPlan(views, pairs, pairs, np.asarray(audible, np.bool_), np.full(len(numbers), SoundKind.OWN, np.int64))
 
-    height, width = truth.shape
-    row, column = np.unravel_index(int(odds.argmax()), odds.shape)
-    fx, fy, cx, cy = (float(share) for share in camera)
-    view = Intrinsics(width, height, fx * width, fy * height, cx * width, cy * height)
-    place = [[(column + 0.5) * width / odds.shape[1], (row + 0.5) * height / odds.shape[0]]]
-    return pointing.error_to_mask(truth, pointing.from_pixels(place, view)[0], view)
+
+def surest_is_near(odds: Any, batch: Any) -> Any:
+    """(B,) whether the pixel with the largest of the (B, H, W) log-odds lies within `NEAR_DEGREES` of what sounds."""
+    import torch
+
+    height, width = odds.shape[1:]
+    fx, fy, cx, cy = batch.cameras.T[..., None, None]
+    across = ((torch.arange(width, device=odds.device) + 0.5) / width - cx) / fx
+    down = ((torch.arange(height, device=odds.device)[:, None] + 0.5) / height - cy) / fy
+    each = (across.expand_as(odds), down.expand_as(odds), torch.ones_like(odds))
+    rays = torch.stack(each, dim=-1).flatten(1, 2)
+    rays = rays / rays.norm(dim=-1, keepdim=True)
+    surest = rays.gather(1, odds.flatten(1).argmax(dim=1)[:, None, None].expand(-1, -1, 3))
+    cosine = (rays * surest).sum(dim=-1).masked_fill(~batch.masks.flatten(1), -1.0).amax(dim=1)
+    return cosine >= math.cos(math.radians(NEAR_DEGREES))
+
+
+def best_threshold(found: ScoredFrames) -> int:
+    """Number of the one of `THRESHOLDS` with the largest mean IoU less the share of frames with false marks."""
+    return int((found.iou[:, found.shown].sum(axis=1) / max(1, found.shown.sum())
+                - found.marked[:, ~found.shown].sum(axis=1) / max(1, (~found.shown).sum())).argmax())  # fmt: skip
+
+
+def figures_of(found: ScoredFrames, threshold: int) -> dict[str, float | None]:
+    """Figures of a network, means over frames; None where there is none of the kind.
+
+    Args:
+        found: of `look_at`.
+        threshold: number of the one of `THRESHOLDS`.
+
+    Returns:
+        ``strict_IoU`` of frames that show what sounds; ``FP_rate``, the share of the others with something marked;
+        ``direction``, the share of the former whose surest pixel is near; ``category``, the share of frames with one
+        audible category in which it is the most probable one.
+    """
+    values = {
+        "strict_IoU": found.iou[threshold][found.shown], "FP_rate": found.marked[threshold][~found.shown],
+        "direction": found.near[found.shown], "category": found.named[found.single],
+    }  # fmt: skip
+    return {name: round(float(each.mean()), 4) if len(each) else None for name, each in values.items()}
 
 
 # ---- all of them
 
 
-def train_all(plan: Trainings, seeds: int, at_once: int, minutes: float) -> list[str]:
-    """Train what has no result yet, as soon as its data is there; says what failed.
+_trainer: Trainer | None = None
+_together: Any = None
+
+
+def _begin(plan: Trainings, together: Any) -> None:
+    """Make this process a trainer."""
+    global _trainer, _together
+    _trainer, _together = Trainer(plan), together
+
+
+def _seconds(_: int) -> tuple[float, float]:
+    """Of a step while all processes are at work."""
+    assert _trainer is not None
+    _together.wait()
+    return _trainer.seconds()
+
+
+def _work(plan: Trainings, kind: str, title: str, seed: int) -> None:
+    assert _trainer is not None
+    _trainer.plan = plan
+    {"pictures": _trainer.look, "sounds": _trainer.listen}[kind](title, seed)
+
+
+def steps_for(seconds: float, each: tuple[float, float], seeds: int, at_once: int) -> tuple[int, int]:
+    """Steps with pictures alone, and with sounds, that all trainings can take in some time.
 
     Args:
-        plan: of all trainings.
+        seconds: time.
+        each: seconds of a step of both kinds.
+        seeds: how many.
+        at_once: processes.
+    """
+    beginnings = len({beginning_of(title) for title in ARMS})
+    left = PLANNED * at_once * seconds - seeds * len(ARMS) * BESIDES
+    steps = left / (seeds * (beginnings * PICTURE_SHARE * each[0] + len(ARMS) * each[1]))
+    if steps < 1:
+        raise Avs3dError(
+            f"{seconds:.0f} s do not suffice for {seeds} seeds of {len(ARMS)} trainings; allow more minutes"
+        )
+    return math.ceil(PICTURE_SHARE * int(steps)), int(steps)
+
+
+def train_all(plan: Trainings, seeds: int, at_once: int, minutes: float) -> list[str]:
+    """Train what has no result yet; says what failed.
+
+    Args:
+        plan: of all trainings; where it has no steps, as many as the minutes allow.
         seeds: how many.
         at_once: networks that are trained at a time.
         minutes: no training begins that is not expected to end by then.
     """
-    began, longest, failed = time.monotonic(), 0.0, []
-    (plan.work / RESULTS).mkdir(parents=True, exist_ok=True)
-    write_json(plan.work / PLAN, {
-        "steps": plan.steps, "picture_steps": plan.picture_steps, "batch": plan.batch, "size": plan.size,
-    })  # fmt: skip
-    left = [(title, seed) for title in ARMS for seed in range(seeds) if not plan.result(title, seed).exists()]
-    running: dict[Future[None], tuple[str, int, float]] = {}
-    with ProcessPoolExecutor(at_once, mp_context=multiprocessing.get_context("spawn")) as pool:
+    began, failed = time.monotonic(), []
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(at_once, context, _begin, (plan, context.Barrier(at_once))) as pool:
+        if not plan.sound_steps:
+            timed = list(pool.map(_seconds, range(at_once)))
+            each = fmean(one[0] for one in timed), fmean(one[1] for one in timed)
+            pictures, sounds = steps_for(60 * minutes - (time.monotonic() - began), each, seeds, at_once)
+            plan = replace(plan, picture_steps=pictures, sound_steps=sounds)
+            click.echo(f"{each[0]:.4f} and {each[1]:.4f} s a step, {at_once} at a time: {pictures} and {sounds} steps")
+        write_json(plan.work / PLAN, {name: value for name, value in asdict(plan).items() if name in _SHARED})
+        left = [each for seed in range(seeds) for each in _jobs(plan, seed)]
+        running: dict[Future[None], tuple[tuple[str, str, int], float]] = {}
+        longest = {"pictures": 0.0, "sounds": 0.0}
         while left or running:
             now = time.monotonic()
-            if now - began + longest > 60 * minutes:
-                left = []
-            ready = [each for each in left if (plan.data / _decoded(ARMS[each[0]].voices)).exists()]
-            for title, seed in ready[: at_once - len(running)]:
-                left.remove((title, seed))
-                running[pool.submit(train_one, plan, title, seed)] = (title, seed, now)
-            done, _ = wait(running, timeout=1.0, return_when=FIRST_COMPLETED) if running else (set(), None)
+            left = [job for job in left if now - began + longest[job[0]] < 60 * minutes]
+            ready = [job for job in left if job[0] == "pictures" or _begun(plan, *job[1:])]
+            for job in ready[: at_once - len(running)]:
+                left.remove(job)
+                running[pool.submit(_work, plan, *job)] = (job, now)
             if not running:
-                time.sleep(1.0)
-            for future in done:
-                title, seed, since = running.pop(future)
-                longest = max(longest, time.monotonic() - since)
+                break
+            for future in wait(running, return_when=FIRST_COMPLETED)[0]:
+                job, since = running.pop(future)
+                longest[job[0]] = max(longest[job[0]], time.monotonic() - since)
                 if error := future.exception():
-                    failed.append(f"{title}, seed {seed}: {type(error).__name__}: {error}")
-                click.echo(f"{title}, seed {seed}: {error or json.dumps(read_json(plan.result(title, seed)))}")
+                    failed.append(f"{job}: {type(error).__name__}: {error}")
+                elif job[0] == "sounds":
+                    click.echo(f"{now - began:.0f} s {job[1:]} {json.dumps(read_json(plan.result(*job[1:])))}")
+                    write_json(plan.work / COLLECTED, collected(plan.work))
     return failed
 
 
-def collected(results: Path, seeds: int = 100) -> dict[str, Any]:
+#: What a file of results says of all trainings.
+_SHARED = ("picture_steps", "sound_steps", "batch", "size", "frames")
+
+
+def _jobs(plan: Trainings, seed: int) -> list[tuple[str, str, int]]:
+    """What is left of a seed: its beginnings come first."""
+    titles = [title for title in ARMS if not plan.result(title, seed).exists()]
+    firsts = [title for title in dict.fromkeys(map(beginning_of, titles)) if not _begun(plan, title, seed)]
+    return [*(("pictures", title, seed) for title in firsts), *(("sounds", title, seed) for title in titles)]
+
+
+def _begun(plan: Trainings, title: str, seed: int) -> bool:
+    return (plan.beginning(title, seed) / "checkpoint.pt").exists()
+
+
+def collected(work: Path, seeds: int = 100) -> dict[str, Any]:
     """The figures of all arms: set → figure → mean and values of the seeds.
 
-    ``change`` is that of strict IoU, against the same seeds with nothing left out.
+    ``change`` is that of strict IoU against the same seeds of the arm that `compared_with` names.
 
     Args:
-        results: folder with a file for each training.
+        work: folder of trainings.
         seeds: that may be there.
     """
     read = {
-        title: {seed: read_json(path) for seed in range(seeds) if (path := results / result_name(title, seed)).exists()}
+        title: {
+            n: read_json(path) for n in range(seeds) if (path := work / RESULTS / f"{_name(title, n)}.json").exists()
+        }
         for title in ARMS
     }
-    usual = {seed: run["figures"] for seed, run in read["nothing"].items()}
-    out: dict[str, Any] = {}
+    arms: dict[str, Any] = {}
     for title, runs in read.items():
-        for name in TESTS if runs else ():
+        usual = {seed: run["figures"] for seed, run in read[compared_with(title)].items()}
+        for name in next(iter(runs.values()))["figures"] if runs else ():
             found = {seed: run["figures"][name] for seed, run in runs.items()}
-            row = {figure: _over([one[figure] for one in found.values()]) for figure in (*FIGURES, "FP_rate")}
+            row = {figure: _over([one[figure] for one in found.values()]) for figure in FIGURES}
             pairs = [(found[seed]["strict_IoU"], usual[seed][name]["strict_IoU"]) for seed in found if seed in usual]
             row["change"] = _over([one - other for one, other in pairs if None not in (one, other)])
-            out.setdefault(title, {"data": next(iter(runs.values()))["data"]})[name] = row
-    return out
+            data = {
+                figure: round(fmean(run["data"][figure] for run in runs.values())) for figure in ("homes", "sounds")
+            }
+            arms.setdefault(title, {"data": data, "seeds": list(runs)})[name] = row
+    return {"trainings": read_json(work / PLAN), "arms": arms}
 
 
 def _over(values: list[float | None]) -> dict[str, Any] | None:
@@ -388,31 +598,48 @@ def _over(values: list[float | None]) -> dict[str, Any] | None:
     return {"mean": round(fmean(known), 4), "values": known, "interval": None} if known else None
 
 
-def table_rows(arms: dict[str, Any]) -> list[list[str]]:
-    """Rows of the docs: what is left out, homes and sounds, and of each of `TESTS` the figures; homes and voices last.
+def table_rows(arms: Mapping[str, Any]) -> list[list[str]]:
+    """Rows of the docs: what is left out, homes and sounds, seeds, and of each set the figures.
 
     Args:
         arms: of `collected`.
     """
-    known = [title for title in ARMS if title in arms]
-    titles = sorted(known, key=lambda title: not ARMS[title].without and title != "nothing")
     return [
         [
             title,
             f"{arms[title]['data']['homes']}, {arms[title]['data']['sounds']:,}",
-            *(text for name in TESTS for text in _cells(arms[title][name])),
+            str(len(arms[title]["seeds"])),
+            *(text for name, row in arms[title].items() if name not in ("data", "seeds") for text in _cells(row)),
         ]
-        for title in titles
+        for title in ARMS
+        if title in arms
     ]
 
 
-def _cells(row: dict[str, Any]) -> list[str]:
+def summary(document: Mapping[str, Any]) -> str:
+    """The table of the docs as Markdown, and the steps of all trainings.
+
+    Args:
+        document: of `collected`.
+    """
+    arms, plan = document["arms"], document["trainings"]
+    sets = [name for name in next(iter(arms.values())) if name not in ("data", "seeds")]
+    columns = ("strict IoU", "change", "direction", "category")
+    head = ["left out", "homes, sounds", "seeds", *(f"{name}: {column}" for name in sets for column in columns)]
+    said = (
+        f"{plan['picture_steps']:,} steps with {plan['batch']} parts of pictures, then {plan['sound_steps']:,} with "
+        f"{plan['batch']} sounds."
+    )
+    return "\n".join([*table(head, table_rows(arms)), said])
+
+
+def _cells(row: Mapping[str, Any]) -> list[str]:
     """Strict IoU, its change, direction and category: mean, and the range over the seeds."""
     change = row.get("change")
     bounds = [change["mean"], min(change["values"]), max(change["values"])] if change else []
     signed = [f"{value:+.3f}".replace("0.", ".", 1).replace("-", "−") for value in bounds]
     moved = f"{signed[0]} ({signed[1]} to {signed[2]})" if signed else MISSING
-    figures = [cell(row[name]) if row.get(name) else MISSING for name in FIGURES]
+    figures = [cell(row[name]) if row.get(name) else MISSING for name in ("strict_IoU", "direction", "category")]
     return [figures[0], moved, *figures[1:]]
 
 
@@ -424,58 +651,46 @@ def main() -> None:
     """What random changes, homes and voices are worth to the listener."""
 
 
-@main.command("manifests")
-@click.argument("folder", type=click.Path(path_type=Path))
-@click.option(
-    "--homes", type=click.IntRange(2), default=48, show_default=True, help="To train on and to choose thresholds by."
-)
-@click.option(
-    "--recordings", type=click.Path(exists=True, path_type=Path), help="A folder of sounds for each category."
-)
-def write_manifests(folder: Path, homes: int, recordings: Path | None) -> None:
-    """Write the manifests of the data."""
-    folder.mkdir(parents=True, exist_ok=True)
-    train = yaml.safe_load((MANIFESTS / "train.yaml").read_text())
-    test = yaml.safe_load((MANIFESTS / "marks-tune.yaml").read_text())
-    names = list(train["scans"])[:homes]
-    made = {
-        name: training_manifest(train, names if name == "all" else half_of(names), share)
-        for name, share in VOICES.items()
-    } | {"validation": test}
-    if recordings is not None:
-        made["recordings"] = recorded_manifest(test, recordings)
-    for name, document in made.items():
-        (folder / f"{name}.yaml").write_text(yaml.safe_dump(document, sort_keys=False))
-
-
 @main.command()
 @click.argument("data", type=click.Path(exists=True, path_type=Path))
 @click.argument("names", nargs=-1, required=True)
 @click.option("--workers", type=click.IntRange(1), help="Processes [one per core].")
 def decode(data: Path, names: tuple[str, ...], workers: int | None) -> None:
     """Decode sets of shards in DATA, which all trainings share."""
-    from baselines.listener.shards import read_store
-
     for name in names:
-        table = read_store(data / name, data / _decoded(name), workers=workers).table
+        table = read_store(data / name, data / f"{name}-cache", workers=workers).table
         click.echo(f"{name}: {len(set(table.homes))} homes, {len(table.groups)} pictures, {len(table.keys)} sounds")
 
 
 @main.command("train")
-@click.argument("data", type=click.Path(exists=True, path_type=Path))
+@click.argument("shards", type=click.Path(exists=True, path_type=Path))
+@click.argument("cache", type=click.Path(exists=True, path_type=Path))
 @click.option("-o", "--output", "work", type=click.Path(path_type=Path), required=True)
-@click.option("--steps", type=click.IntRange(1), required=True, help="Of all, with those of --picture-steps.")
-@click.option("--picture-steps", type=click.IntRange(0), default=0, show_default=True)
-@click.option("--batch-size", "batch", type=click.IntRange(4), default=128, show_default=True, help="Sounds.")
+@click.option("--test", "tests", multiple=True, metavar="NAME=CACHE", help="Decoded frames that are scored as well.")
+@click.option("--minutes", type=float, default=13.0, show_default=True, help="Begin nothing that would end later.")
+@click.option("--picture-steps", type=click.IntRange(1), help="Learning from pictures alone [as time allows].")
+@click.option("--sound-steps", type=click.IntRange(1), help="Those that follow [as time allows].")
+@click.option("--frames", type=click.IntRange(1), default=12_000, show_default=True, help="Most sounds to learn from.")
+@click.option("--batch-size", "batch", type=click.IntRange(4), default=64, show_default=True, help="Sounds.")
 @click.option("--size", default="small", show_default=True, help="Of the network.")
 @click.option("--accelerator", type=click.Choice(["cpu", "cuda"]), default="cuda", show_default=True)
 @click.option("--seeds", type=click.IntRange(1), default=3, show_default=True)
-@click.option("--at-once", type=click.IntRange(1), default=6, show_default=True, help="Networks at a time.")
-@click.option("--minutes", type=float, default=60.0, show_default=True, help="Begin nothing that would end later.")
-def train_command(seeds: int, at_once: int, minutes: float, **chosen: Any) -> None:
+@click.option("--at-once", type=click.IntRange(1), default=8, show_default=True, help="Networks at a time.")
+def train_command(
+    shards: Path, work: Path, tests: tuple[str, ...], seeds: int, at_once: int, minutes: float, **chosen: Any
+) -> None:
     """Train and score what has no result yet."""
-    precision = "bf16-mixed" if chosen["accelerator"] == "cuda" else "32-true"
-    if failed := train_all(Trainings(**chosen, precision=precision), seeds, at_once, minutes):
+    (work / RESULTS).mkdir(parents=True, exist_ok=True)
+    began = time.monotonic()
+    if not (work / VOICES).exists():
+        write_json(work / VOICES, voices_of(shards))
+    if (work / PLAN).exists():
+        known = read_json(work / PLAN)
+        chosen |= {name: known[name] for name in _SHARED}
+    folders = {name: Path(folder) for name, _, folder in (each.partition("=") for each in tests)}
+    chosen |= {name: chosen[name] or 0 for name in ("picture_steps", "sound_steps")}
+    plan = Trainings(work=work, tests=folders, **chosen)
+    if failed := train_all(plan, seeds, at_once, minutes - (time.monotonic() - began) / 60):
         raise Avs3dError("; ".join(failed))
 
 
@@ -484,10 +699,9 @@ def train_command(seeds: int, at_once: int, minutes: float, **chosen: Any) -> No
 @click.option("-o", "--output", type=click.Path(path_type=Path), required=True)
 def collect(work: Path, output: Path) -> None:
     """Write the figures of all trainings that have a result, and print them as a table."""
-    plan = read_json(work / PLAN)
-    arms = collected(work / RESULTS)
-    write_json(output, {"trainings": plan, "arms": arms})
-    for cells in table_rows(arms):
+    found = collected(work)
+    write_json(output, found)
+    for cells in table_rows(found["arms"]):
         click.echo(f"| {' | '.join(cells)} |")
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import affine_grid, grid_sample
 
@@ -86,11 +87,15 @@ class Bank:
     def rows(self, name: str, index: Tensor) -> Tensor:
         """Rows of ``pictures``, ``classes``, ``sounds`` or ``masks``, on the device."""
         source = self._tensors[name]
-        return source.index_select(0, index.to(source.device)).to(self.device, non_blocking=True)
+        return self.sent(source.index_select(0, index.to(source.device, non_blocking=True)))
 
     def cameras(self, views: Tensor) -> Tensor:
         """(B, 4)."""
-        return self._cameras[views.to(self.device)]
+        return self._cameras[self.sent(views)]
+
+    def sent(self, values: Tensor | NDArray[Any]) -> Tensor:
+        """On the device. What is under way there is not waited for: the driver copies what is not on it at once."""
+        return torch.as_tensor(values).to(self.device, non_blocking=True)
 
     def gather(self, plan: BatchPlan, generator: torch.Generator | None, without: Collection[str] = ()) -> Batch:
         """The batch of a plan; without a generator nothing is changed at random.
@@ -113,9 +118,9 @@ class Bank:
             cameras=self.cameras(views),
             sounds=self._mixed(plan, generator),
             masks=self._united(plan),
-            audible=torch.from_numpy(plan.audible).to(self.device, torch.float32),
+            audible=self.sent(plan.audible).float(),
             named=torch.ones(len(plan.kinds), dtype=torch.bool, device=self.device),
-            kinds=torch.from_numpy(plan.kinds).to(self.device),
+            kinds=self.sent(plan.kinds),
         )
         if generator is None:
             return batch
@@ -125,17 +130,17 @@ class Bank:
         first = self._sounds(plan.sounds[:, 0])
         second = np.flatnonzero(plan.sounds[:, 1] >= 0)
         if len(second):
-            other, rows = self._sounds(plan.sounds[second, 1]), torch.from_numpy(second).to(self.device)
+            other, rows = self._sounds(plan.sounds[second, 1]), self.sent(second)
             ratio = level(first[rows]) / level(other)
             change = 0.0 if generator is None else uniform(generator, len(second), -MIX_DB, MIX_DB)
-            gain = ratio * 10 ** (torch.as_tensor(change, device=self.device) / 20)
+            gain = ratio * 10 ** (change / 20)
             first[rows] += other * gain[:, None, None]
         return first
 
     def _sounds(self, index: Any) -> Tensor:
         numbers = torch.from_numpy(index)
         chosen = self.rows("sounds", numbers.clamp(min=0)).float()
-        return chosen * (numbers >= 0).to(self.device)[:, None, None]
+        return chosen * self.sent(numbers >= 0)[:, None, None]
 
     def _united(self, plan: BatchPlan) -> Tensor:
         out = torch.zeros(len(plan.truths), SIDE, SIDE, dtype=torch.bool, device=self.device)
@@ -143,7 +148,7 @@ class Bank:
             rows = np.flatnonzero(plan.truths[:, column] >= 0)
             if len(rows):
                 packed = self.rows("masks", torch.from_numpy(plan.truths[rows, column]))
-                out[torch.from_numpy(rows).to(self.device)] |= unpack(packed)
+                out[self.sent(rows)] |= unpack(packed)
         return out
 
 
@@ -186,7 +191,7 @@ def mirrored(batch: Batch, chosen: Tensor) -> Batch:
     """The batch with some pictures (B,) mirrored and the ears of their sounds, if there are any, swapped."""
     heard = chosen.repeat_interleave(len(batch.sounds) // len(batch.pictures))
     cameras = batch.cameras.clone()
-    cameras[chosen, 2] = 1 - cameras[chosen, 2]
+    cameras[:, 2] = torch.where(chosen, 1 - cameras[:, 2], cameras[:, 2])
     return replace(
         batch,
         pictures=_where(chosen, batch.pictures.flip(-1), batch.pictures),
@@ -234,7 +239,9 @@ def _shown(batch: Batch, part: Tensor, weights: Tensor, side: int, generator: to
         generator: of random numbers.
     """
     count, (height, width) = len(batch.pictures), batch.classes.shape[1:]
-    pixel = torch.multinomial(weights + 1e-6 / (height * width), 1, generator=generator)[:, 0]
+    # As `torch.multinomial`, which makes the host wait for the device.
+    luck = torch.empty_like(weights).exponential_(generator=generator)
+    pixel = ((weights + 1e-6 / (height * width)) / luck).argmax(dim=1)
     middle = torch.stack([(pixel % width + 0.5) / width, (pixel // width + 0.5) / height], dim=1)
     part = part[:, None]
     jitter = uniform(generator, 2 * count, -OFF_CENTRE, OFF_CENTRE).view(count, 2)

@@ -100,6 +100,24 @@ class State:
     seconds: float = 0.0
     shares: Counter[str] = field(default_factory=Counter)
 
+    @torch.no_grad()
+    def follow(self, decay: float) -> None:
+        """Move the average towards the network; the first time it is the network, later it forgets by ``decay``.
+
+        Over the first steps it forgets faster. `AveragedModel.update_parameters` makes the host wait for the device.
+        """
+        number, module = int(self.average.n_averaged), self.average.module
+        averaged: list[Tensor] = list(module.parameters())
+        current: list[Tensor] = list(self.network.parameters())
+        if number:
+            change = torch._foreach_sub(current, averaged)
+            torch._foreach_mul_(change, 1 - min((1 + number) / (10 + number), decay))
+            torch._foreach_add_(averaged, change)
+        else:
+            torch._foreach_copy_(averaged, current)
+        torch._foreach_copy_(list(module.buffers()), list(self.network.buffers()))
+        self.average.n_averaged += 1
+
 
 def new_state(settings: Settings, device: torch.device | str = "cpu") -> State:
     """Before the first step; the same for the same seed."""
@@ -112,20 +130,7 @@ def new_state(settings: Settings, device: torch.device | str = "cpu") -> State:
     optimiser = torch.optim.AdamW(
         groups, lr=settings.rate, betas=(0.9, 0.99), fused=torch.device(device).type == "cuda"
     )
-    average = AveragedModel(network, multi_avg_fn=_moving_average(settings.average))
-    return State(network, average, optimiser)
-
-
-def _moving_average(decay: float) -> Any:
-    """Exponential moving average for `AveragedModel`; over the first steps it forgets faster, down to ``decay``."""
-
-    @torch.no_grad()
-    def update(averaged: list[Tensor], current: list[Tensor], number: Tensor) -> None:
-        change = torch._foreach_sub(current, averaged)
-        torch._foreach_mul_(change, 1 - ((1 + number) / (10 + number)).clamp(max=decay))
-        torch._foreach_add_(averaged, change)
-
-    return update
+    return State(network, AveragedModel(network), optimiser)
 
 
 def resume(state: State, folder: Path, settings: Settings, digest: str) -> None:

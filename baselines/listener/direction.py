@@ -27,7 +27,7 @@ from torch import Tensor
 from torch.nn.functional import conv1d
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
-from baselines.listener.features import FLOOR_DB, HOP, Spectra, decibels, frequencies
+from baselines.listener.features import FLOOR_DB, HOP, WINDOW, Spectra, decibels, frequencies
 
 #: Radius of the head (m) and speed of sound (m/s).
 HEAD_RADIUS, SPEED_OF_SOUND = 0.0875, 343.0
@@ -93,18 +93,23 @@ def steered_response(both: Spectra) -> Tensor:
     return torch.cat([phases, phases.mean(dim=1, keepdim=True), votes, vote, relative, levels], dim=1)
 
 
+def _bins(low: float, high: float) -> slice:
+    """The bins from a frequency up to another (Hz); a mask of the same would make the host wait for the device."""
+    return slice(math.ceil(low * WINDOW / SAMPLE_RATE), math.ceil(high * WINDOW / SAMPLE_RATE))
+
+
 def _phase_groups(both: Spectra) -> list[Tensor]:
     """(B, ANGLES) of each group: the mean over bins of the cosine of the phase that is left at each angle's delay."""
     at, angles = frequencies(both.left.device), angle_grid(both.left.device)
     out = []
     for low, high in pairwise(PHASE_GROUPS):
-        chosen = (at >= low) & (at < high)
+        chosen = _bins(low, high)
         cross = both.left[:, chosen] * both.right[:, chosen].conj()
         magnitude = cross.abs()
         weight = _window_weights(magnitude.sum(dim=1))
         phase = (cross / magnitude.clamp(min=1e-20) * weight[:, None]).sum(dim=-1)
         turn = 2 * math.pi * at[chosen, None] * woodworth_delay(angles)
-        out.append(torch.real(phase @ torch.polar(torch.ones_like(turn), turn)) / int(chosen.sum()))
+        out.append(torch.real(phase @ torch.polar(torch.ones_like(turn), turn)) / len(turn))
     return out
 
 
@@ -113,7 +118,7 @@ def _vote_groups(both: Spectra) -> list[Tensor]:
     at, angles = frequencies(both.left.device), angle_grid(both.left.device)
     out = []
     for low, high in pairwise(VOTE_GROUPS):
-        chosen = (at >= low) & (at < high)
+        chosen = _bins(low, high)
         left, right = both.left[:, chosen], both.right[:, chosen]
         cross = left * right.conj()
         power = left.abs().square() + right.abs().square()
@@ -149,14 +154,14 @@ def _votes(cross: Tensor, weight: Tensor, turn: Tensor) -> Tensor:
 
 def _level_groups(both: Spectra) -> list[Tensor]:
     """(B, ANGLES) of each group: the likelihood of its level difference."""
-    at, angles = frequencies(both.left.device), angle_grid(both.left.device)
+    angles = angle_grid(both.left.device)
     out = []
     for low, high in pairwise(LEVEL_GROUPS):
-        chosen = (at >= low) & (at < high)
+        chosen = _bins(low, high)
         powers = [ear[:, chosen].abs().square().sum(dim=1) for ear in (both.left, both.right)]
         weight = _window_weights(torch.sqrt(powers[0] * powers[1]))
         measured = ((decibels(powers[1]) - decibels(powers[0])) * weight).sum(dim=-1)
-        expected = head_shadow_db(angles, torch.tensor(math.sqrt(low * high), device=angles.device))
+        expected = head_shadow_db(angles, torch.full_like(angles, math.sqrt(low * high)))
         likelihood = torch.exp(-0.5 * ((measured[:, None] - expected) / LEVEL_SPREAD_DB).square())
         out.append(likelihood * weight.sum(dim=-1, keepdim=True))
     return out

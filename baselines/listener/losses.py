@@ -49,10 +49,6 @@ class Losses:
             + AUDIBLE_WEIGHT * self.audible
         )
 
-    def detached(self) -> Losses:
-        """The same numbers without their history."""
-        return Losses(self.mask.detach(), self.dice.detach(), self.classes.detach(), self.audible.detach())
-
 
 def full_size(logits: Tensor, size: tuple[int, int]) -> Tensor:
     """(B, C, H, W) logits at the size of pictures, from stride 2 of padded ones; bilinear."""

@@ -45,7 +45,7 @@ class Schedule:
         minutes: time after which the run stops and keeps its checkpoint; None: none.
         stop_at: step after which it does; None: none.
         checkpoint_minutes: time between two checkpoints.
-        validate_every: steps between two validations; None: ten in a run.
+        validate_every: steps between two validations; None: ten in a run; 0: none, not even at the end.
         compile: whether the network is compiled (`torch.compile`).
     """
 
@@ -108,13 +108,30 @@ class _OfBatch(torch.nn.Module):
 
 @dataclass(frozen=True)
 class _PendingStep:
-    """The last step: its number, its batch and its losses, which may still be under way on the device."""
+    """The last step: its number, its batch and its losses, which may still be under way from the device."""
 
     step: int
     plan: BatchPlan
-    terms: Losses
-    total: Tensor
-    norm: Tensor
+    numbers: Tensor
+    arrived: torch.cuda.Event | None
+
+    @classmethod
+    def of(cls, step: int, plan: BatchPlan, terms: Losses, norm: Tensor) -> _PendingStep:
+        """Copy the terms, the loss and the norm of its gradients to the host without waiting for them."""
+        each = [*(getattr(terms, name) for name in _TERMS), terms.total, norm]
+        numbers = torch.stack([one.detach().float() for one in each])
+        host = numbers.to("cpu", non_blocking=True)
+        if not numbers.is_cuda:
+            return cls(step, plan, host, None)
+        # On the stream of the device that computes.
+        return cls(step, plan, host, torch.cuda.current_stream(numbers.device).record_event())
+
+    def read(self) -> tuple[dict[str, float], float, float]:
+        """The terms by name, the loss, and the norm of its gradients; waits for this step, not for later ones."""
+        if self.arrived is not None:
+            self.arrived.synchronize()
+        *terms, total, norm = self.numbers.tolist()
+        return dict(zip(_TERMS, terms, strict=True)), total, norm
 
 
 class Run:
@@ -128,10 +145,11 @@ class Run:
         store: ShardStore,
         state: State,
         fabric: Any,
+        bank: Bank | None = None,
     ) -> None:
         self.folder, self.settings, self.schedule = folder, settings, schedule
         self.store, self.state, self.fabric = store, state, fabric
-        self.bank = Bank(store, fabric.device)
+        self.bank = bank or Bank(store, fabric.device)
         self.sampler = Sampler(store, settings.batch // SOUNDS, settings.seed, fabric.world_size, settings.homes)
         if schedule.compile:
             # In place; the features of the sound stay outside: complex numbers are not compiled.
@@ -157,7 +175,7 @@ class Run:
                     frames = (state.step - since) * settings.batch * self.fabric.world_size
                     self._report(frames / (now - reported))
                     reported, since = time.monotonic(), state.step
-                if (step + 1) % every == 0 or step + 1 == settings.steps:
+                if every and ((step + 1) % every == 0 or step + 1 == settings.steps):
                     self._validate()
                     reported = time.monotonic()
                 stopping = self._out_of_time()
@@ -167,8 +185,10 @@ class Run:
                 if stopping:
                     break
         self._save()
-        if not self.validation:
+        if every and not self.validation:
             self._validate()
+        elif not every and state.step == settings.steps:
+            self._settle()
         average = self.state.average.module
         assert isinstance(average, Listener)
         return Result(state.step, state.step == settings.steps, self.validation, average, self.store, state)
@@ -190,15 +210,14 @@ class Run:
             group["lr"] = self.settings.rate_at(step)
         batch = self._gather(step, plan, self.fabric.global_rank)
         terms = losses(self.model(batch.pictures, batch.sounds, batch.cameras), batch)
-        total = terms.total
         self.optimiser.zero_grad(set_to_none=True)
-        self.fabric.backward(total)
+        self.fabric.backward(terms.total)
         # The loss of the step before is read only now, so that the device never waits for this process.
         self._check()
         norm = torch.nn.utils.clip_grad_norm_(self.model.parameters(), GRADIENT_NORM)
-        self.pending = _PendingStep(step, plan, terms.detached(), total.detach(), norm.detach())
+        self.pending = _PendingStep.of(step, plan, terms, norm)
         self.optimiser.step()
-        self.state.average.update_parameters(self.state.network)
+        self.state.follow(self.settings.average)
         self.state.step = step + 1
         self.state.shares += plan.shares()
 
@@ -210,27 +229,29 @@ class Run:
         Raises:
             Avs3dError: naming the step and what was in the batch.
         """
-        last = self.pending
-        if last is None or (math.isfinite(float(last.total)) and math.isfinite(float(last.norm))):
+        if self.pending is None:
             return
-        views = last.plan.views
+        terms, total, norm = self.pending.read()
+        if math.isfinite(total) and math.isfinite(norm):
+            return
+        views = self.pending.plan.views
         keys = ", ".join(self.store.table.groups[view] for view in views[:_NAMED])
-        parts = ", ".join(f"{name} {float(getattr(last.terms, name)):g}" for name in _TERMS)
+        parts = ", ".join(f"{name} {value:g}" for name, value in terms.items())
         raise Avs3dError(
-            f"step {last.step}: the loss is {float(last.total):g} ({parts}), the norm of its gradients "
-            f"{float(last.norm):g}; the batch has {len(views)} pictures, the first are {keys}; lower the learning rate "
+            f"step {self.pending.step}: the loss is {total:g} ({parts}), the norm of its gradients "
+            f"{norm:g}; the batch has {len(views)} pictures, the first are {keys}; lower the learning rate "
             "or check these frames"
         )
 
     def _report(self, throughput: float) -> None:
         self._check()
         assert self.pending is not None
-        plan, total = self.pending.plan, self.pending.total
-        shown = {name: round(float(getattr(self.pending.terms, name)), 5) for name in _TERMS}
+        terms, total, _ = self.pending.read()
+        shown = {name: round(value, 5) for name, value in terms.items()}
         self._note(
-            {"event": "step", "step": self.state.step, "loss": round(float(total), 5), **shown,
+            {"event": "step", "step": self.state.step, "loss": round(total, 5), **shown,
              "rate": round(self.settings.rate_at(self.state.step - 1), 7), "frames_per_second": round(throughput, 1),
-             "counterfactual": plan.counterfactual, "seconds": round(self._seconds(), 1)}
+             "counterfactual": self.pending.plan.counterfactual, "seconds": round(self._seconds(), 1)}
         )  # fmt: skip
 
     def _settle(self) -> None:
@@ -271,7 +292,8 @@ class Run:
         return bool(self.fabric.broadcast(time.monotonic() - self.began > 60 * self.schedule.minutes))
 
     def _validate_every(self) -> int:
-        return self.schedule.validate_every or max(1, self.settings.steps // 10)
+        every = self.schedule.validate_every
+        return max(1, self.settings.steps // 10) if every is None else every
 
     def _description(self) -> dict[str, Any]:
         table = self.store.table

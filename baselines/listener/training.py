@@ -23,6 +23,7 @@ from typing import Any
 import torch
 
 from avs3d_bench.errors import Avs3dError
+from baselines.listener.augment import Bank
 from baselines.listener.checkpoint import Settings, State, new_state, resume
 from baselines.listener.shards import ShardStore, open_store, read_store
 from baselines.listener.steps import Result, Run, Schedule
@@ -73,6 +74,7 @@ def train(
     *,
     fabric: Any,
     schedule: Schedule,
+    bank: Bank | None = None,
 ) -> Result:
     """Train, or go on with, the run of a folder.
 
@@ -82,6 +84,7 @@ def train(
         settings: what is learnt.
         fabric: a launched `lightning.fabric.Fabric`.
         schedule: when to stop and to look around.
+        bank: the same on the device; None: it is put there.
 
     Raises:
         UsageError: if the folder's run has other settings or data.
@@ -110,7 +113,7 @@ def train(
     state = new_state(settings, fabric.device)
     resume(state, folder, settings, store.table.digest)
     with _enough_memory(fabric.device, state, settings):
-        return Run(folder, settings, schedule, store, state, fabric).go()
+        return Run(folder, settings, schedule, store, state, fabric, bank).go()
 
 
 @contextmanager

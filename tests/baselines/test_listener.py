@@ -615,15 +615,15 @@ def test_validation_looks_at_homes_that_are_kept(store: shards.ShardStore) -> No
 
 
 def test_the_average_soon_forgets_the_first_weights() -> None:
-    state = new_state(settings(average=0.9))
+    state = new_state(settings())
     parameter = next(state.network.parameters())
     with torch.no_grad():
         parameter.fill_(0.0)
-        state.average.update_parameters(state.network)  # the first is taken as it is
+        state.follow(0.9)  # the first is taken as it is
         parameter.fill_(1.0)
         found = []
         for _ in range(8):
-            state.average.update_parameters(state.network)
+            state.follow(0.9)
             found.append(1 - float(next(state.average.module.parameters()).flatten()[0]))
     assert found[0] == pytest.approx(2 / 11, abs=1e-6)
     assert found[7] < 1e-3
