@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -86,7 +85,7 @@ def evaluate(
     from evaluators.reading.records import InvalidSubmission
     from evaluators.reading.submission import open_submission
     from evaluators.reporting.terminal_table import print_scores
-    from evaluators.score import open_dataset, score
+    from evaluators.score import open_dataset, score, with_soft_masks
 
     wanted: Any = None if protocol == "all" else (protocol,)
     data = open_dataset(root, truth, only)
@@ -98,7 +97,7 @@ def evaluate(
             _print_problems(error.report, submission, root)
             raise SystemExit(1) from None
         if soft_masks is not None:
-            evaluation = _with_soft_masks(evaluation, data, soft_masks, workers)
+            evaluation = with_soft_masks(evaluation, data, soft_masks, workers=workers, progress=sys.stderr.isatty())
         try:
             _write_files(evaluation, data, opened, **files)
         finally:
@@ -108,14 +107,6 @@ def evaluate(
     for path in files.values():
         if path is not None:
             click.echo(str(path))
-
-
-def _with_soft_masks(evaluation: Evaluation, data: Dataset, folder: Path, workers: int | None) -> Evaluation:
-    """The evaluation with the average precision of soft masks."""
-    from evaluators.protocols.soft_masks import soft_scores
-
-    found = soft_scores(evaluation.scores, data, folder, workers=workers, progress=sys.stderr.isatty())
-    return replace(evaluation, scores=evaluation.scores.model_copy(update={"soft": found}))
 
 
 def _write_files(

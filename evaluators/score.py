@@ -31,6 +31,7 @@ from avs3d_bench.runtime.provenance import provenance
 from avs3d_bench.sealing.seal import open_sealed
 from evaluators.protocols.conditions import with_conditions
 from evaluators.protocols.sibling_counts import SiblingCounts
+from evaluators.protocols.soft_masks import soft_scores
 from evaluators.protocols.source_counts import SourceCounts
 from evaluators.reading.checks import check_contents, check_structure, has_categories, has_points, select
 from evaluators.reading.in_memory import Predictions, written
@@ -272,6 +273,22 @@ def score(
     )
     tallies = {observation.key: outcomes[observation.key].frames for observation in observations}
     return Evaluation(record, worst, best, tuple(shown), tuple(ordered([*problems, *warnings])), tallies)
+
+
+def with_soft_masks(
+    evaluation: Evaluation, dataset: Dataset, folder: Path, *, workers: int | None = 1, progress: bool = False
+) -> Evaluation:
+    """The evaluation with the average precision of soft masks; see `evaluators.protocols.soft_masks.soft_scores`.
+
+    Examples:
+        >>> from avs3d_bench import Dataset
+        >>> dataset, found = Dataset("data/demo"), evaluate("data/demo-submissions/oracle", "data/demo")
+        >>> soft = with_soft_masks(found, dataset, Path("data/demo-submissions/oracle")).scores.soft  # its masks, 0 and 1
+        >>> round(soft.parts["part_1"].AP, 3)
+        1.0
+    """
+    found = soft_scores(evaluation.scores, dataset, folder, workers=workers, progress=progress)
+    return replace(evaluation, scores=evaluation.scores.model_copy(update={"soft": found}))
 
 
 def _jobs(observations: Iterable[Observation]) -> list[ScoringJob]:
