@@ -276,7 +276,9 @@ def scores(network: Any, calibration: Any, store: Any, device: Any) -> dict[str,
     from baselines.listener.predict import ListenerMethod
     from evaluators.metrics.masks import frame_counts, mask_figures, mean
 
-    method = ListenerMethod(network, device, "", calibration.threshold, looks="one", calibration=calibration)
+    method = ListenerMethod(
+        network, device, "", calibration.threshold, looks="one", calibration=calibration, share=calibration.share
+    )
     counts: dict[str, list[Any]] = {}
     near: list[float] = []
     named: list[float] = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -68,6 +69,46 @@ def without_specks(mask: NDArray[np.bool_], share: float) -> NDArray[np.bool_]:
     large = stats[:, cv2.CC_STAT_AREA] >= share * mask.size
     large[0] = False
     return np.asarray(large[labels])
+
+
+def highest(odds: NDArray[np.float32]) -> float:
+    """Log-odds that a component of the smallest size (`LEAST_AREA`) could have everywhere: a frame's peak, less specks.
+
+    Args:
+        odds: (H, W).
+    """
+    rank = max(1, math.ceil(LEAST_AREA * odds.size))
+    return float(np.partition(odds, odds.size - rank, axis=None)[odds.size - rank])
+
+
+def marked(odds: NDArray[np.float32], threshold: float, share: float | None) -> NDArray[np.bool_]:
+    """(H, W) what is marked of a frame: nothing unless its peak is above a threshold, then what comes near the peak.
+
+    Args:
+        odds: (H, W) log-odds of the pixels.
+        threshold: probability above which the peak must be.
+        share: of the peak's probability, above which a pixel is marked; None: marked is what is above the threshold.
+
+    Examples:
+        >>> odds = np.full((8, 8), -9, np.float32)
+        >>> odds[2:4, 2:5] = [0, -1, -3]  # probabilities .5, .27, .05
+        >>> marked(odds, 0.3, 0.4).sum(), marked(odds, 0.3, None).sum(), marked(odds, 0.6, 0.4).sum()
+        (np.int64(4), np.int64(2), np.int64(0))
+    """
+    level = logit(threshold)
+    if share is not None:
+        peak = highest(odds)
+        if peak <= level:
+            return np.zeros(odds.shape, np.bool_)
+        level = logit(share * float(expit(peak)))
+    return without_specks(np.asarray(odds > level), LEAST_AREA)
+
+
+def marked_where(threshold: float, share: float | None) -> str:
+    """The rule of `marked` in words."""
+    if share is None:
+        return f"marked where > {threshold:g}"
+    return f"marked where > {share:g} of the frame's peak, if that is > {threshold:g}"
 
 
 def class_map(mask: NDArray[np.bool_], answer: Answer) -> NDArray[np.uint8]:
