@@ -1,10 +1,11 @@
 """Temperatures and the rule of a trained network, from homes that it has not seen.
 
 A network that is trained to the end is too sure of itself. One number for the mask and one for what is heard, by which
-log-odds are divided, make the probabilities mean what they say (Guo et al., "On calibration of modern neural
-networks", ICML 2017, §4.2); they minimise the negative log-likelihood. The network answers as it does when it predicts:
-to pictures with sounds that they really have, with several looks. The frames that show what sounds count as much, all
-together, as those that do not.
+log-odds are divided (Guo et al., "On calibration of modern neural networks", ICML 2017, §4.2), and a bias of the mask
+(J. Platt, "Probabilistic outputs for support vector machines", 1999) make the probabilities mean what they say; they
+minimise the negative log-likelihood. The network answers as it does when it predicts: to pictures with sounds that they
+really have, with several looks. The frames that show what sounds count as much, all together, as those that do not.
+Those of part_3, with twins in most pictures, are of another kind: they count only where there are no others.
 
 The rule of the mask (`masks.marked`) is the one with the largest IoU less false marks; the threshold of a category is
 that with the largest IoU. All are written into the file of weights, so that no test set takes part.
@@ -20,7 +21,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize
 from scipy.special import expit
 from torch import Tensor
 from torch.nn.functional import avg_pool2d, binary_cross_entropy_with_logits
@@ -41,8 +42,8 @@ SHARES, _LEAST = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8), 1e-9
 MOST_FRAMES = 1536
 #: Log-odds are counted in bins of this width, up to this on both sides.
 _WIDTH, _MOST = 0.05, 25.0
-#: Temperatures that are tried lie within this factor of 1.
-_FACTOR = 12.0
+#: Temperatures that are tried lie within this factor of 1, biases within this of 0.
+_FACTOR, _MOST_BIAS = 12.0, 10.0
 #: Calibration error counts what has at least this probability, in bins of this width.
 LEAST_PROBABILITY, ERROR_BIN = 0.1, 0.05
 
@@ -98,7 +99,7 @@ class LookedAt:
 
     Attributes:
         sounds: (N,) their numbers in the store.
-        weights: (N,) with the same sum over the frames that show what sounds and over those that do not.
+        weights: (N,) for the mask; with the same sum over frames that show what sounds and over those that do not.
         masks, shares: (N, looks, n, n) log-odds of the mask; (N, n, n) its truth, as shares of the cells.
         names, audible: (N, looks, categories + 1) log-odds of what is heard; (N, categories + 1) its truth.
     """
@@ -110,10 +111,10 @@ class LookedAt:
     names: Tensor
     audible: Tensor
 
-    def error(self, warm: float) -> float:
+    def error(self, warm: float, bias: float = 0.0) -> float:
         """Expected calibration error of the mask at a temperature, see `OddsHistogram.error`."""
         histogram = OddsHistogram.empty(self.masks.device)
-        odds = mean_of_looks(self.masks, warm)
+        odds = mean_of_looks(self.masks, warm, bias)
         histogram.add(odds, self.shares, self.weights[:, None, None].expand_as(odds))
         return histogram.error()
 
@@ -133,16 +134,16 @@ def calibrate(
     views = list(range(len(store.table.homes))) if every_home else validation_views(store.table)
     training, method = network.training, ListenerMethod(network.eval(), fabric.device, "")
     seen = look_at(method, store, balanced(store, views))
-    warm = temperature(seen.masks, seen.shares, seen.weights)
-    named = temperature(seen.names, seen.audible, seen.weights)
-    by_rule = rule_figures(method, store, seen, warm)
+    warm, bias = temperature(seen.masks, seen.shares, seen.weights)
+    named, _ = temperature(seen.names, seen.audible, torch.ones_like(seen.weights), biased=False)
+    by_rule = rule_figures(method, store, seen, mean_of_looks(seen.masks, warm, bias).cpu().numpy())
     network.train(training)
     threshold, share = best_rule(by_rule)
     by_class = validate(network, store, bank, fabric, CHOICES, spread(views))
     category = _best([row["category_iou"] for row in by_class], Calibration().category)
-    calibration = Calibration(warm, named, threshold, category, share)
+    calibration = Calibration(warm, named, threshold, category, share, bias)
     figures = {
-        "pictures": len(seen.sounds), "error_before": seen.error(1.0), "error": seen.error(warm), "by_rule": by_rule,
+        "pictures": len(seen.sounds), "error_before": seen.error(1.0), "error": seen.error(warm, bias), "by_rule": by_rule,
         "category_iou": {str(choice): row["category_iou"] for choice, row in zip(CHOICES, by_class, strict=True)},
     }  # fmt: skip
     return calibration, figures
@@ -177,52 +178,70 @@ def look_at(method: ListenerMethod, store: ShardStore, sounds: NDArray[np.int64]
             names.append(log_odds(np.stack([[*answer.audible, answer.unknown] for answer in each])))
     truth = unpack(torch.from_numpy(store.masks[sounds]))
     audible = [[*(name in table.audible[sound] for name in CATEGORIES), table.others[sound]] for sound in sounds]
-    shown = torch.from_numpy(store.marked[sounds] > 0)
-    weights = torch.where(shown, 1 / shown.sum().clamp(min=1), 1 / (~shown).sum().clamp(min=1))
+    weights = equal_weights(store.marked[sounds] > 0, [table.keys[sound] for sound in sounds])
     arrays = (weights, np.stack(masks), avg_pool2d(truth.float(), 2), np.stack(names), np.asarray(audible))
     return LookedAt(sounds, *(torch.as_tensor(each, dtype=torch.float32, device=method.device) for each in arrays))
 
 
-def mean_of_looks(odds: Tensor, warm: float) -> Tensor:
+def equal_weights(shown: NDArray[np.bool_], keys: Sequence[str]) -> NDArray[np.float64]:
+    """(N,) weights of frames; see `LookedAt`. Frames of part_3 have none where there are others.
+
+    Examples:
+        >>> shown = np.array([True, False, False, True])
+        >>> equal_weights(shown, ["part_1/a/b/1/f", "part_1/a/b/1/g", "part_2/a/b/1/f", "part_3/a/b/1/f"]).tolist()
+        [1.0, 0.5, 0.5, 0.0]
+    """
+    used = np.array([not key.startswith("part_3/") for key in keys])
+    used |= not used.any()
+    counts = np.where(shown, (used & shown).sum(), (used & ~shown).sum())
+    return np.asarray(used / np.maximum(counts, 1))
+
+
+def mean_of_looks(odds: Tensor, warm: float, bias: float = 0.0) -> Tensor:
     """(N, …) log-odds of the mean of the probabilities of several looks (N, looks, …), as `masks.agreed` takes it."""
-    return (odds / warm).sigmoid().mean(dim=1).logit(eps=1e-6)
+    return ((odds - bias) / warm).sigmoid().mean(dim=1).logit(eps=1e-6)
 
 
-def temperature(odds: Tensor, truth: Tensor, weights: Tensor) -> float:
-    """The temperature of each look with which the looks' mean has the smallest negative log-likelihood.
+def temperature(odds: Tensor, truth: Tensor, weights: Tensor, *, biased: bool = True) -> tuple[float, float]:
+    """Temperature and bias of each look with which the looks' mean has the smallest negative log-likelihood.
 
     Args:
         odds: (N, looks, …) log-odds of each look.
         truth: (N, …) between 0 and 1.
         weights: (N,).
+        biased: else the bias is 0.
 
     Examples:
         >>> odds = torch.randn(1000, 1, 50, generator=torch.Generator().manual_seed(0))
         >>> truth = torch.bernoulli(odds[:, 0].sigmoid(), generator=torch.Generator().manual_seed(1))
-        >>> round(temperature(3 * odds, truth, torch.ones(1000)), 1)
-        3.0
+        >>> warm, bias = temperature(3 * odds + 2, truth, torch.ones(1000))
+        >>> round(warm), round(bias)
+        (3, 2)
     """
 
-    def loss(logarithm: float) -> float:
-        found = mean_of_looks(odds, math.exp(logarithm))
-        each = binary_cross_entropy_with_logits(found, truth, reduction="none").flatten(1).mean(dim=1)
-        return float((each * weights).sum())
+    def loss(found: NDArray[np.float64]) -> float:
+        mean = mean_of_looks(odds, math.exp(found[0]), found[1] if biased else 0.0)
+        each = binary_cross_entropy_with_logits(mean, truth, reduction="none").flatten(1).mean(dim=1)
+        return float((each * weights).sum() / weights.sum())
 
-    bounds = (-math.log(_FACTOR), math.log(_FACTOR))
-    found = minimize_scalar(loss, bounds=bounds, method="bounded", options={"xatol": 1e-3})
-    return round(math.exp(float(found.x)), 3)
+    bounds = [(-math.log(_FACTOR), math.log(_FACTOR)), (-_MOST_BIAS, _MOST_BIAS)]
+    start = np.array([[0.0, 0.0], [0.5, 0.0], [0.0, 1.0]])
+    how = {"initial_simplex": start if biased else start[:2, :1], "xatol": 1e-3, "fatol": 1e-9, "maxiter": 120}
+    found = minimize(loss, start[0, : 1 + biased], method="Nelder-Mead", bounds=bounds[: 1 + biased], options=how)
+    return round(math.exp(found.x[0]), 3), round(float(found.x[1]), 3) if biased else 0.0
 
 
-def rule_figures(method: ListenerMethod, store: ShardStore, seen: LookedAt, warm: float) -> list[dict[str, float]]:
+def rule_figures(
+    method: ListenerMethod, store: ShardStore, seen: LookedAt, odds: NDArray[np.float32]
+) -> list[dict[str, float]]:
     """Of each rule the mean IoU of frames that show what sounds, and the share of the others with something marked.
 
     Args:
         method: without calibration.
         store: what is stored.
         seen: frames of it.
-        warm: temperature of the mask.
+        odds: (N, n, n) calibrated log-odds of the mask.
     """
-    odds = mean_of_looks(seen.masks, warm).cpu().numpy()
     truths = unpack(torch.from_numpy(store.masks[seen.sounds])).numpy()
     nothing = np.zeros(0, np.float32)
     peaks, ious = np.zeros(len(odds)), np.zeros((len(odds), len(SHARES)))

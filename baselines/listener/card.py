@@ -179,7 +179,7 @@ Marks what sounds in a picture, given one second of binaural sound. Categories: 
 - Hardware: {", ".join(training["devices"])}; {training["precision"]}; torch {training["torch"]};
   {training["minutes"]} minutes.
 - Sounds in the batches: {shares}. Random changes left out: {", ".join(training["without"]) or "none"}.
-- Log-odds of the mask are divided by {warm["mask"]:g}, of what is heard by {warm["audible"]:g};
+- Log-odds of the mask less {warm["bias"]:g} are divided by {warm["mask"]:g}, of what is heard by {warm["audible"]:g};
   {marked_where(warm["threshold"], warm["share"])}, as a category where > {warm["category"]:g}.
   Of {warm["figures"]["pictures"]:,} frames by which this was chosen, the calibration error above .1 is
   {warm["figures"]["error"]:.3f}, before {warm["figures"]["error_before"]:.3f}.

@@ -4,8 +4,8 @@
    stays, and mirrored with the ears swapped. The sound goes in as it is. Its probabilities are averaged.
 2. They have cells of two pixels; their log-odds are resized to the frame bilinearly and follow the picture's edges
    after a guided filter (He, Sun, Tang, "Guided image filtering", ECCV 2010).
-3. Where the likeliest pixels of the frame are below a threshold, nothing is marked; else what is above a share of their
-   probability (`masks.marked`). Components smaller than `LEAST_AREA` of the picture are dropped.
+3. Where the likeliest pixels of the frame are below a threshold, nothing is marked; else what is around them, down to a
+   share of their probability (`masks.marked`). Components smaller than `LEAST_AREA` of the picture are dropped.
 4. The class of a component is the category that the picture shows there, weighted by how audible it is.
 
 Nothing of the truth is read: pictures, binaural sound and the camera's intrinsics alone.
@@ -140,9 +140,10 @@ class ListenerMethod:
         masks, classes = found.mask[..., :cells, :cells].float(), found.classes[..., :cells, :cells].float()
         if look.mirrored:
             masks, classes = masks.flip(-1), classes.flip(-1)
-        by_mask, by_name = (self.calibration.mask, self.calibration.audible) if self.calibration else (1.0, 1.0)
+        said = self.calibration
+        by_mask, by_name, bias = (said.mask, said.audible, said.bias) if said else (1.0, 1.0, 0.0)
         heard = (found.audible.float() / by_name).sigmoid().cpu().numpy()
-        numbers = ((masks / by_mask).cpu().numpy(), classes.softmax(dim=1).cpu().numpy(), heard)
+        numbers = (((masks - bias) / by_mask).cpu().numpy(), classes.softmax(dim=1).cpu().numpy(), heard)
         if not all(np.isfinite(found).all() for found in numbers):
             raise Avs3dError(
                 f"weights {self.digest[:12]}: the listener answers with NaN or infinite numbers; train it again, "
@@ -205,7 +206,11 @@ class ListenerMethod:
         edges = {"none": "no refinement", "edges": "guided filter at edges"}
         looks = {"one": "one look at 252²", "several": "looks at 252² and 504², also mirrored"}[self.looks]
         said = self.calibration
-        warm = f"; log-odds of masks divided by {said.mask:g}, of names by {said.audible:g}" if said else ""
+        warm = (
+            f"; log-odds of masks less {said.bias:g} divided by {said.mask:g}, of names by {said.audible:g}"
+            if said
+            else ""
+        )
         return (
             f"2D, from the picture and the binaural second of test frames; weights {self.digest[:12]}; "
             f"{looks}; {marked_where(self.threshold, self.share)}; {edges[self.refine]}; "

@@ -68,6 +68,7 @@ def saved(tmp_path: Path) -> Path:
         (lambda said: said | {"calibration": {"audible": float("nan")}}, "audible: expected a temperature"),
         (lambda said: said | {"calibration": {"threshold": 1.0}}, "threshold: expected a probability"),
         (lambda said: said | {"calibration": {"share": 0}}, "share: expected a probability"),
+        (lambda said: said | {"calibration": {"bias": 1e9}}, "bias: expected log-odds"),
         (lambda said: said | {"calibration": {"share": "half"}}, "share: expected a number"),
         (with_widths(more=1), "description of the network is damaged"),
         (lambda said: said | {"widths": [1]}, "description of the network is damaged"),

@@ -151,7 +151,9 @@ def sure(frames: int, looks: int, warm: float) -> tuple[torch.Tensor, torch.Tens
 @pytest.mark.parametrize("looks", [1, 2])
 def test_a_temperature_makes_sure_probabilities_true(looks: int) -> None:
     odds, truth = sure(1000, looks, 3)
-    assert calibration.temperature(odds, truth, torch.ones(1000)) == pytest.approx(3, rel=0.05)
+    assert calibration.temperature(odds, truth, torch.ones(1000)) == pytest.approx((3, 0), rel=0.05, abs=0.1)
+    warm, bias = calibration.temperature(odds + 2, truth, torch.ones(1000))
+    assert (warm, bias) == pytest.approx((3, 2), rel=0.05, abs=0.1)
     before, after = OddsHistogram.empty("cpu"), OddsHistogram.empty("cpu")
     before.add(odds[:, 0], truth)
     after.add(odds[:, 0] / 3, truth)
@@ -162,16 +164,19 @@ def test_looks_that_disagree_need_a_lower_temperature_than_each_alone() -> None:
     """The mean of two looks is less sure than each, so that less is to be taken from them."""
     odds = torch.randn(4000, 2, 4, 4, generator=torch.Generator().manual_seed(0)) * 2
     truth = torch.bernoulli(odds.sum(dim=1).sigmoid(), generator=torch.Generator().manual_seed(1))
-    ones = torch.ones(4000)
-    assert calibration.temperature(odds, truth, ones) < calibration.temperature(odds[:, :1], truth, ones)
+    both, one = (calibration.temperature(each, truth, torch.ones(4000))[0] for each in (odds, odds[:, :1]))
+    assert both < one
 
 
 def test_rare_frames_count_as_much_as_their_weight_says() -> None:
     """Frames that are three times too sure, and one in ten of others that are right: equal sums meet between both."""
     odds, truth = sure(1000, 1, 1)
     odds[:900] *= 3
-    common, equal = torch.ones(1000), torch.where(torch.arange(1000) < 900, 1 / 900, 1 / 100)
-    assert 1 < calibration.temperature(odds, truth, equal) < calibration.temperature(odds, truth, common) < 3
+    shown = np.arange(1000) < 900
+    equal = torch.from_numpy(calibration.equal_weights(shown, ["part_1/home/room/1/frame_000"] * 1000)).float()
+    assert equal[:900].sum() == pytest.approx(1) == equal[900:].sum()
+    found = [calibration.temperature(odds, truth, each)[0] for each in (equal, torch.ones(1000))]
+    assert 1 < found[0] < found[1] < 3
 
 
 def test_the_best_rule_has_the_largest_iou_less_false_marks() -> None:
@@ -192,7 +197,7 @@ def test_the_first_of_the_best_thresholds_of_a_category_is_taken_and_the_usual_o
 
 
 def test_weights_keep_their_calibration_and_older_ones_have_none(tmp_path: Path) -> None:
-    said = Calibration(1.7, 2.5, 0.4, 0.3, 0.6)
+    said = Calibration(1.7, 2.5, 0.4, 0.3, 0.6, 1.5)
     save_weights(Listener(replace(SMALL, unknown=True)), tmp_path / "new.safetensors", said)
     found = read_weights(tmp_path / "new.safetensors")
     assert (found.calibration, found.network.widths.unknown) == (said, True)

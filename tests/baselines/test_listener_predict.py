@@ -111,12 +111,14 @@ def drawn(*boxes: tuple[slice, slice, float]) -> Any:
 
 
 def test_a_frame_is_marked_down_to_a_share_of_its_peak() -> None:
+    """And only around it: what is apart from the peak has to come near it by itself."""
     core, rim, other = (slice(10, 20), slice(10, 20), 0.6), (slice(5, 25), slice(5, 25), 0.35), (slice(60, 80),) * 2
-    found = masks.marked(drawn(rim, core, (*other, 0.2)), 0.5, 0.5)
+    found = masks.marked(drawn(rim, core, (*other, 0.45)), 0.5, 0.5)
     assert found[5:25, 5:25].all()
     assert found.sum() == 400
     # The less sure frame has the same mask: shares are of its own peak.
     assert (masks.marked(drawn((*rim[:2], 0.175), (*core[:2], 0.3), (*other, 0.1)), 0.2, 0.5) == found).all()
+    assert masks.marked(drawn(rim, core, (*other, 0.58)), 0.5, 0.5).sum() == 800
 
 
 def test_a_frame_whose_peak_is_below_the_threshold_is_not_marked() -> None:
@@ -137,8 +139,8 @@ def test_without_a_share_each_pixel_above_the_threshold_is_marked() -> None:
 
 
 def test_old_weights_keep_their_rule_and_new_ones_bring_theirs(tmp_path: Path) -> None:
-    for calibration, rule in ((weights.Calibration(threshold=0.7), (0.7, None)),
-                              (weights.Calibration(threshold=0.4, share=0.6), (0.4, 0.6)), (None, (0.5, None))):  # fmt: skip
+    old, new = weights.Calibration(threshold=0.7), weights.Calibration(threshold=0.4, share=0.6)
+    for calibration, rule in ((old, (0.7, None)), (new, (0.4, 0.6)), (None, (0.5, None))):
         weights.save_weights(Listener(tiny_listener.SMALL), tmp_path / "file.safetensors", calibration)
         method = predict.load_method(tmp_path / "file.safetensors", device="cpu")
         assert (method.threshold, method.share) == rule
