@@ -23,7 +23,7 @@ TRAIN_pathtraced ?= --only '*/home_*1/*' --audio tracer $(if $(filter 0,$(GPUS))
 # Of `avs3d generate` for all parts.
 TRAIN_OPTIONS ?= --frames 12
 # Homes and voices for validation, by which thresholds and temperatures are chosen, and other options of `generate` for it.
-TUNE ?= scenes_manifest/listen-tune.yaml
+TUNE ?= scenes_manifest/listen-tune.yaml scenes_manifest/marks-tune.yaml
 TUNE_OPTIONS ?= --size 252 --frames 12
 EPOCHS ?= 30
 # Of the training, before these: they learn what is seen, without sound.
@@ -67,8 +67,8 @@ $(LISTENER)/train-data.done: $(TRAIN_PARTS:%=$(LISTENER)/train-%.done)
 	@touch $@
 
 $(LISTENER)/tune-data.done: | $(LISTENER)/train-data.done
-	$(call timed,tune-data,$(AVS3D) generate $(TUNE) -o $(LISTENER)/tune --format webdataset --audio tracer --device $(DEVICE) \
-	  --workers $(WORKERS) $(TUNE_OPTIONS))
+	$(call timed,tune-data,$(foreach each,$(TUNE),$(AVS3D) generate $(each) -o $(LISTENER)/tune/$(basename $(notdir $(each))) \
+	  --format webdataset --audio tracer --device $(DEVICE) --workers $(WORKERS) $(TUNE_OPTIONS) &&) true)
 	@touch $@
 
 $(WEIGHTS): $(LISTENER)/train-data.done $(LISTENER)/tune-data.done

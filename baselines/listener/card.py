@@ -19,6 +19,7 @@ from avs3d_bench.formats import media
 from avs3d_bench.formats.files import atomic_path, write_json
 from baselines.listener.batches import split_homes
 from baselines.listener.checkpoint import Settings
+from baselines.listener.masks import marked_where
 from baselines.listener.model import parameter_count
 from baselines.listener.steps import Result
 from baselines.listener.weights import NETWORK_VERSION, WEIGHTS_FORMAT, Calibration, digest_path, save_weights
@@ -178,10 +179,10 @@ Marks what sounds in a picture, given one second of binaural sound. Categories: 
 - Hardware: {", ".join(training["devices"])}; {training["precision"]}; torch {training["torch"]};
   {training["minutes"]} minutes.
 - Sounds in the batches: {shares}. Random changes left out: {", ".join(training["without"]) or "none"}.
-- Log-odds of the mask are divided by {warm["mask"]:g}, of what is heard by {warm["audible"]:g}; marked is what is above
-  {warm["threshold"]:g}, as a category what is above {warm["category"]:g}. Of {warm["figures"]["pictures"]:,} pictures
-  by which this was chosen, the calibration error above .1 is {warm["figures"]["error"]:.3f}, before
-  {warm["figures"]["error_before"]:.3f}.
+- Log-odds of the mask less {warm["bias"]:g} are divided by {warm["mask"]:g}, of what is heard by {warm["audible"]:g};
+  {marked_where(warm["threshold"], warm["share"])}, as a category where > {warm["category"]:g}.
+  Of {warm["figures"]["pictures"]:,} frames by which this was chosen, the calibration error above .1 is
+  {warm["figures"]["error"]:.3f}, before {warm["figures"]["error_before"]:.3f}.
 
 Validation, on homes that were not trained on:
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench.dataset import Frame
 from avs3d_bench.errors import Avs3dError
-from baselines.listener.masks import Answer, class_map, log_odds
+from baselines.listener.masks import Answer, class_map, log_odds, marked_where
 from baselines.listener.predict import BATCH, THRESHOLD, ListenerMethod, Looks, load_method
 
 if TYPE_CHECKING:
@@ -61,10 +61,15 @@ class ListenerMarker:
 
     @property
     def threshold(self) -> float:
-        """Probability above which a pixel is marked."""
+        """Probability above which a pixel is marked; with a `share`, above which a frame's peak must be."""
         if self.calibration is not None:
             return self.calibration.category if self.which == "category" else self.calibration.threshold
         return CATEGORY_THRESHOLD if self.which == "category" else THRESHOLD
+
+    @property
+    def share(self) -> float | None:
+        """Share of the peak above which a pixel is marked as sounding, see `masks.marked`."""
+        return self.calibration.share if self.calibration is not None and self.which == "sounding" else None
 
     @property
     def entry(self) -> str:
@@ -79,12 +84,13 @@ class ListenerMarker:
     @property
     def settings(self) -> dict[str, str | float]:
         """Everything besides the software and the frames that decides the masks."""
-        return {"weights": self.digest, "answer": self.which, "threshold": self.threshold, "looks": MARKING_LOOKS}
+        found: dict[str, str | float] = {"weights": self.digest, "answer": self.which, "threshold": self.threshold}
+        return found | ({} if self.share is None else {"share": self.share}) | {"looks": MARKING_LOOKS}
 
     @property
     def notes(self) -> str:
         """The settings, for submission.json."""
-        return f"answer {self.which}, marked where > {self.threshold:g}, weights {self.digest[:12]}"
+        return f"answer {self.which}, {marked_where(self.threshold, self.share)}, weights {self.digest[:12]}"
 
     def mark(self, frames: Sequence[Frame], device: torch.device) -> Iterator[NDArray[np.uint8]]:
         """(H, W) class ids of each of the train frames of one observation, in their order.
@@ -92,7 +98,7 @@ class ListenerMarker:
         Raises:
             Avs3dError: if the weights are others than those of ``digest``, or a frame's files are missing or damaged.
         """
-        method = _method(self.weights, str(device), self.threshold)
+        method = replace(_method(self.weights, str(device)), threshold=self.threshold, share=self.share)
         if method.digest != self.digest:
             raise Avs3dError(
                 f"{self.weights or 'weights of the package'}: sha256 {method.digest[:12]}…, expected "
@@ -141,9 +147,9 @@ def of_category(answer: Answer, category: int | None) -> Answer:
 
 
 @lru_cache(maxsize=1)
-def _method(weights: Path | None, device: str, threshold: float) -> ListenerMethod:
+def _method(weights: Path | None, device: str) -> ListenerMethod:
     """The network; a process keeps it for its next observation."""
-    return load_method(weights, device=device, threshold=threshold, looks=MARKING_LOOKS)
+    return load_method(weights, device=device, looks=MARKING_LOOKS)
 
 
 def load_marker(weights: Path | None = None, *, which: Which = "category") -> ListenerMarker:

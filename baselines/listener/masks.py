@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +14,8 @@ from scipy.special import expit
 
 #: Smallest component that stays marked, as a share of the picture.
 LEAST_AREA = 2e-4
+#: Share of the peak's probability that a component must reach somewhere, to be marked.
+SEED = 0.9
 #: Radius of the guided filter as a share of the picture's width, and its smoothness (of pictures of 0 to 1).
 RADIUS, SMOOTHNESS = 0.006, 1e-3
 #: Logits are cut here before the filter: beyond, they are certain.
@@ -68,6 +71,51 @@ def without_specks(mask: NDArray[np.bool_], share: float) -> NDArray[np.bool_]:
     large = stats[:, cv2.CC_STAT_AREA] >= share * mask.size
     large[0] = False
     return np.asarray(large[labels])
+
+
+def highest(odds: NDArray[np.float32]) -> float:
+    """Log-odds that a component of the smallest size (`LEAST_AREA`) could have everywhere: a frame's peak, less specks.
+
+    Args:
+        odds: (H, W).
+    """
+    rank = max(1, math.ceil(LEAST_AREA * odds.size))
+    return float(np.partition(odds, odds.size - rank, axis=None)[odds.size - rank])
+
+
+def marked(odds: NDArray[np.float32], threshold: float, share: float | None) -> NDArray[np.bool_]:
+    """(H, W) what is marked of a frame: nothing unless its peak is above a threshold, then what reaches up to it.
+
+    As in the edge detector of J. Canny (IEEE Trans. PAMI 8 (1986) 679-698) two levels decide, here both relative to the
+    frame's peak: components above the lower one are marked if they contain a pixel above the upper one, `SEED`.
+
+    Args:
+        odds: (H, W) log-odds of the pixels.
+        threshold: probability above which the peak must be.
+        share: of the peak's probability, the lower level; None: marked is each pixel above the threshold.
+
+    Examples:
+        >>> odds = np.full((8, 8), -9, np.float32)
+        >>> odds[2:4, 2:5] = [0, -1, -3]  # probabilities .5, .27, .05
+        >>> odds[6, 6] = -1  # apart from the peak
+        >>> [int(marked(odds, *rule).sum()) for rule in ((0.3, 0.4), (0.3, None), (0.6, 0.4))]
+        [4, 2, 0]
+    """
+    if share is None:
+        return without_specks(np.asarray(odds > logit(threshold)), LEAST_AREA)
+    peak = highest(odds)
+    if peak <= logit(threshold):
+        return np.zeros(odds.shape, np.bool_)
+    lower, upper = (logit(each * float(expit(peak))) for each in (share, SEED))
+    _, labels = cv2.connectedComponents((odds > lower).astype(np.uint8), connectivity=8)
+    return without_specks(np.isin(labels, np.setdiff1d(labels[odds > upper], 0)), LEAST_AREA)
+
+
+def marked_where(threshold: float, share: float | None) -> str:
+    """The rule of `marked` in words."""
+    if share is None:
+        return f"marked where > {threshold:g}"
+    return f"marked where > {share:g} of the frame's peak, around {SEED:g} of it, if it is > {threshold:g}"
 
 
 def class_map(mask: NDArray[np.bool_], answer: Answer) -> NDArray[np.uint8]:

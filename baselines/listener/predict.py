@@ -4,7 +4,8 @@
    stays, and mirrored with the ears swapped. The sound goes in as it is. Its probabilities are averaged.
 2. They have cells of two pixels; their log-odds are resized to the frame bilinearly and follow the picture's edges
    after a guided filter (He, Sun, Tang, "Guided image filtering", ECCV 2010).
-3. Marked is what is above `THRESHOLD`. Components smaller than `LEAST_AREA` of the picture are dropped.
+3. Where the likeliest pixels of the frame are below a threshold, nothing is marked; else what is around them, down to a
+   share of their probability (`masks.marked`). Components smaller than `LEAST_AREA` of the picture are dropped.
 4. The class of a component is the category that the picture shows there, weighted by how audible it is.
 
 Nothing of the truth is read: pictures, binaural sound and the camera's intrinsics alone.
@@ -40,7 +41,8 @@ from baselines.listener.masks import (
     class_map,
     guided,
     logit,
-    without_specks,
+    marked,
+    marked_where,
 )
 from baselines.listener.shards import SIDE
 from baselines.networks.device import inference, pick_device
@@ -82,7 +84,7 @@ class ListenerMethod:
         network: of `weights.load_listener`.
         device: where it runs.
         digest: sha256 of its weights.
-        threshold: see `THRESHOLD`.
+        threshold, share: of `masks.marked`.
         refine: see `Refine`.
         hearing: what it hears, to see whether and how it listens.
         looks: name of `LOOKS`.
@@ -97,6 +99,7 @@ class ListenerMethod:
     hearing: SoundControl = "own"
     looks: Looks = "several"
     calibration: Any = None
+    share: float | None = None
 
     def answers(
         self, pictures: Sequence[NDArray[np.uint8]], sounds: Any, cameras: Any, *, looks: Looks | None = None
@@ -109,10 +112,16 @@ class ListenerMethod:
             cameras: (B, 4), see `direction.pixel_angles`.
             looks: others than the method's.
         """
+        found = self.every_look(pictures, sounds, cameras, looks or self.looks)
+        return [each[0] if len(each) == 1 else agreed(each) for each in found]
+
+    def every_look(
+        self, pictures: Sequence[NDArray[np.uint8]], sounds: Any, cameras: Any, looks: Looks
+    ) -> list[tuple[Answer, ...]]:
+        """Of each picture the answers of several looks, see `answers`."""
         width = pictures[0].shape[1]
-        taken = [look for look in LOOKS[looks or self.looks] if look.side <= max(width, SIDE)]
-        found = [self.look(look, pictures, sounds, cameras) for look in taken]
-        return [each[0] if len(each) == 1 else agreed(each) for each in zip(*found, strict=True)]
+        taken = [look for look in LOOKS[looks] if look.side <= max(width, SIDE)]
+        return list(zip(*(self.look(look, pictures, sounds, cameras) for look in taken), strict=True))
 
     def look(self, look: Look, pictures: Sequence[NDArray[np.uint8]], sounds: Any, cameras: Any) -> list[Answer]:
         """One look, see `answers`."""
@@ -131,9 +140,10 @@ class ListenerMethod:
         masks, classes = found.mask[..., :cells, :cells].float(), found.classes[..., :cells, :cells].float()
         if look.mirrored:
             masks, classes = masks.flip(-1), classes.flip(-1)
-        by_mask, by_name = (self.calibration.mask, self.calibration.audible) if self.calibration else (1.0, 1.0)
+        said = self.calibration
+        by_mask, by_name, bias = (said.mask, said.audible, said.bias) if said else (1.0, 1.0, 0.0)
         heard = (found.audible.float() / by_name).sigmoid().cpu().numpy()
-        numbers = ((masks / by_mask).cpu().numpy(), classes.softmax(dim=1).cpu().numpy(), heard)
+        numbers = (((masks - bias) / by_mask).cpu().numpy(), classes.softmax(dim=1).cpu().numpy(), heard)
         if not all(np.isfinite(found).all() for found in numbers):
             raise Avs3dError(
                 f"weights {self.digest[:12]}: the listener answers with NaN or infinite numbers; train it again, "
@@ -190,7 +200,7 @@ class ListenerMethod:
 
     def marked(self, odds: NDArray[np.float32]) -> NDArray[np.bool_]:
         """(H, W) of log-odds, rule 3."""
-        return without_specks(np.asarray(odds > logit(self.threshold)), LEAST_AREA)
+        return marked(odds, self.threshold, self.share)
 
     @property
     def notes(self) -> str:
@@ -199,10 +209,14 @@ class ListenerMethod:
         edges = {"none": "no refinement", "edges": "guided filter at edges"}
         looks = {"one": "one look at 252²", "several": "looks at 252² and 504², also mirrored"}[self.looks]
         said = self.calibration
-        warm = f"; log-odds of masks divided by {said.mask:g}, of names by {said.audible:g}" if said else ""
+        warm = (
+            f"; log-odds of masks less {said.bias:g} divided by {said.mask:g}, of names by {said.audible:g}"
+            if said
+            else ""
+        )
         return (
             f"2D, from the picture and the binaural second of test frames; weights {self.digest[:12]}; "
-            f"{looks}; marked where > {self.threshold:g}; {edges[self.refine]}; "
+            f"{looks}; {marked_where(self.threshold, self.share)}; {edges[self.refine]}; "
             f"components below {LEAST_AREA:g} of the picture dropped{warm}{heard}"
         )
 
@@ -281,11 +295,11 @@ def load_method(
     Args:
         weights: file; None: those of the package.
         device: cpu, cuda or cuda:<number>; None: a GPU where there is one.
-        threshold: probability above which a pixel is marked; None: that of the weights, else `THRESHOLD`.
+        threshold: probability above which a pixel is marked; None: the rule of the weights, else `THRESHOLD`.
         refine: see `Refine`.
         hearing: what it hears.
         looks: name of `LOOKS`.
-        calibrated: take the temperatures and the threshold that the weights name, if they do.
+        calibrated: take the temperatures and the rule that the weights name, if they do.
 
     Raises:
         UsageError: if there is no such device.
@@ -303,11 +317,12 @@ def load_method(
     where = pick_device(device)
     found = read_weights(weights, device=where)
     calibration = found.calibration if calibrated else None
+    share = None
     if threshold is None:
-        threshold = calibration.threshold if calibration else THRESHOLD
+        threshold, share = (calibration.threshold, calibration.share) if calibration else (THRESHOLD, None)
     return ListenerMethod(
         found.network, where, found.digest, threshold=threshold, refine=refine, hearing=hearing, looks=looks,
-        calibration=calibration,
+        calibration=calibration, share=share,
     )  # fmt: skip
 
 

@@ -27,9 +27,9 @@ def validation_views(table: ShardTable) -> list[int]:
     return spread([view for view, home in enumerate(table.homes) if home in (kept or training)])
 
 
-def spread(views: Sequence[int]) -> list[int]:
-    """At most `MOST_PICTURES` of them, evenly."""
-    return [views[i] for i in np.linspace(0, len(views) - 1, min(len(views), MOST_PICTURES)).round().astype(int)]
+def spread(numbers: Sequence[int], most: int = MOST_PICTURES) -> list[int]:
+    """At most so many of them, evenly."""
+    return [numbers[i] for i in np.linspace(0, len(numbers) - 1, min(len(numbers), most)).round().astype(int)]
 
 
 def view_plan(table: ShardTable, view: int, sounds: list[int]) -> BatchPlan:

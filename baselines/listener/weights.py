@@ -33,33 +33,43 @@ class Calibration:
     """What validation homes say of a network's probabilities, and where to mark.
 
     Attributes:
-        mask: temperature of the mask: its log-odds are divided by this (Guo et al., "On calibration of modern neural
-            networks", ICML 2017, §4.2).
+        mask: temperature of the mask: its log-odds, less the bias, are divided by this (Guo et al., "On calibration of
+            modern neural networks", ICML 2017, §4.2).
         audible: the same of what is heard.
-        threshold: probability, after this, above which a pixel is marked as sounding.
-        category: the same of a pixel's class, for masks of a category.
+        threshold: probability, after this, that the peak of a frame needs for anything to be marked as sounding.
+        category: probability of a pixel's class above which it is marked, for masks of a category.
+        share: of the peak's probability, above which a pixel is marked as sounding (`masks.marked`); None, as in files
+            before this field: marked is every pixel above the threshold.
+        bias: of the log-odds of the mask (J. Platt, "Probabilistic outputs for support vector machines", 1999); files
+            before this field have none.
     """
 
     mask: float = 1.0
     audible: float = 1.0
     threshold: float = 0.5
     category: float = 0.2
+    share: float | None = None
+    bias: float = 0.0
 
     def checked(self) -> Calibration:
         """The same; for numbers that a file names.
 
         Raises:
-            ValueError: if a temperature is not between .05 and 20, or a threshold not between 0 and 1.
+            ValueError: if a temperature is not between .05 and 20, a threshold or share not between 0 and 1, or a bias
+                beyond 20.
         """
-        for name, number in asdict(self).items():
+        given = {name: number for name, number in asdict(self).items() if (name, number) != ("share", None)}
+        for name, number in given.items():
             if type(number) not in (int, float):
                 raise ValueError(f"{name}: expected a number")
         for name in ("mask", "audible"):
             if not 0.05 <= getattr(self, name) <= 20:
                 raise ValueError(f"{name}: expected a temperature between 0.05 and 20")
-        for name in ("threshold", "category"):
-            if not 0 < getattr(self, name) < 1:
+        for name in given.keys() - {"mask", "audible", "bias"}:
+            if not 0 < given[name] < 1:
                 raise ValueError(f"{name}: expected a probability between 0 and 1")
+        if not -20 <= self.bias <= 20:
+            raise ValueError("bias: expected log-odds between -20 and 20")
         return self
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
@@ -141,23 +142,63 @@ def test_what_has_no_name_may_be_any_object() -> None:
     torch.testing.assert_close(found, torch.tensor([[0.0, 0.0], [1.0, 0.0]]), atol=1e-4, rtol=0)
 
 
-def test_a_temperature_makes_sure_probabilities_true() -> None:
-    odds = torch.randn(50_000, generator=torch.Generator().manual_seed(0)) * 2
-    truth = (torch.rand(50_000, generator=torch.Generator().manual_seed(1)) < odds.sigmoid()).float()
-    counted = OddsHistogram.empty("cpu")
-    counted.add(3 * odds, truth)
-    assert counted.temperature() == pytest.approx(3, rel=0.05)
-    assert counted.error(3.0) < 0.02 < 0.1 < counted.error()
+def sure(frames: int, looks: int, warm: float) -> tuple[torch.Tensor, torch.Tensor]:
+    """(frames, looks, 8, 8) log-odds that are ``warm`` times too large where the looks agree, and their truths."""
+    odds = torch.randn(frames, 1, 8, 8, generator=torch.Generator().manual_seed(0)) * 2
+    truth = torch.bernoulli(odds[:, 0].sigmoid(), generator=torch.Generator().manual_seed(1))
+    return warm * odds.expand(-1, looks, -1, -1), truth
 
 
-def test_the_first_of_the_best_thresholds_is_taken_and_the_usual_one_without_figures() -> None:
-    worth = [0.1, None, 0.7, 0.7, *[0.2] * 5]
-    assert calibration._best(worth, 0.5) == 0.3
-    assert calibration._best([None] * 9, 0.5) == 0.5
+@pytest.mark.parametrize("looks", [1, 2])
+def test_a_temperature_makes_sure_probabilities_true(looks: int) -> None:
+    odds, truth = sure(1000, looks, 3)
+    assert calibration.temperature(odds, truth, torch.ones(1000)) == pytest.approx((3, 0), rel=0.05, abs=0.1)
+    warm, bias = calibration.temperature(odds + 2, truth, torch.ones(1000))
+    assert (warm, bias) == pytest.approx((3, 2), rel=0.05, abs=0.1)
+    before, after = OddsHistogram.empty("cpu"), OddsHistogram.empty("cpu")
+    before.add(odds[:, 0], truth)
+    after.add(odds[:, 0] / 3, truth)
+    assert after.error() < 0.02 < 0.1 < before.error()
+
+
+def test_looks_that_disagree_need_a_lower_temperature_than_each_alone() -> None:
+    """The mean of two looks is less sure than each, so that less is to be taken from them."""
+    odds = torch.randn(4000, 2, 4, 4, generator=torch.Generator().manual_seed(0)) * 2
+    truth = torch.bernoulli(odds.sum(dim=1).sigmoid(), generator=torch.Generator().manual_seed(1))
+    both, one = (calibration.temperature(each, truth, torch.ones(4000))[0] for each in (odds, odds[:, :1]))
+    assert both < one
+
+
+def test_rare_frames_count_as_much_as_their_weight_says() -> None:
+    """Frames that are three times too sure, and one in ten of others that are right: equal sums meet between both."""
+    odds, truth = sure(1000, 1, 1)
+    odds[:900] *= 3
+    shown = np.arange(1000) < 900
+    equal = torch.from_numpy(calibration.equal_weights(shown, ["part_1/home/room/1/frame_000"] * 1000)).float()
+    assert equal[:900].sum() == pytest.approx(1) == equal[900:].sum()
+    found = [calibration.temperature(odds, truth, each)[0] for each in (equal, torch.ones(1000))]
+    assert 1 < found[0] < found[1] < 3
+
+
+def test_the_best_rule_has_the_largest_iou_less_false_marks() -> None:
+    rules = [
+        {"threshold": 0.3, "share": 0.5, "iou": 0.6, "false": 0.4},
+        {"threshold": 0.5, "share": 0.5, "iou": 0.5, "false": 0.1},
+        {"threshold": 0.5, "share": 0.7, "iou": 0.4, "false": 0.1},
+        {"threshold": 0.9, "share": 0.5, "iou": 0.1, "false": 0.0},
+    ]
+    assert calibration.best_rule(rules) == (0.5, 0.5)
+
+
+def test_the_first_of_the_best_thresholds_of_a_category_is_taken_and_the_usual_one_without_figures() -> None:
+    worth = [None] * len(calibration.CHOICES)
+    assert calibration._best(worth, 0.5) == 0.5
+    worth[2:5] = [0.1, 0.7, 0.7]
+    assert calibration._best(worth, 0.5) == calibration.CHOICES[3]
 
 
 def test_weights_keep_their_calibration_and_older_ones_have_none(tmp_path: Path) -> None:
-    said = Calibration(1.7, 2.5, 0.4, 0.3)
+    said = Calibration(1.7, 2.5, 0.4, 0.3, 0.6, 1.5)
     save_weights(Listener(replace(SMALL, unknown=True)), tmp_path / "new.safetensors", said)
     found = read_weights(tmp_path / "new.safetensors")
     assert (found.calibration, found.network.widths.unknown) == (said, True)

@@ -102,6 +102,52 @@ def test_specks_are_dropped() -> None:
     assert not masks.without_specks(np.zeros((4, 4), bool), 0.1).any()
 
 
+def drawn(*boxes: tuple[slice, slice, float]) -> Any:
+    """(100, 100) log-odds of a picture with probability .01 but for some boxes."""
+    shares = np.full((100, 100), 0.01, np.float32)
+    for rows, columns, share in boxes:
+        shares[rows, columns] = share
+    return masks.log_odds(shares)
+
+
+def test_a_frame_is_marked_down_to_a_share_of_its_peak() -> None:
+    """And only around it: what is apart from the peak has to come near it by itself."""
+    core, rim, other = (slice(10, 20), slice(10, 20), 0.6), (slice(5, 25), slice(5, 25), 0.35), (slice(60, 80),) * 2
+    found = masks.marked(drawn(rim, core, (*other, 0.45)), 0.5, 0.5)
+    assert found[5:25, 5:25].all()
+    assert found.sum() == 400
+    # The less sure frame has the same mask: shares are of its own peak.
+    assert (masks.marked(drawn((*rim[:2], 0.175), (*core[:2], 0.3), (*other, 0.1)), 0.2, 0.5) == found).all()
+    assert masks.marked(drawn(rim, core, (*other, 0.58)), 0.5, 0.5).sum() == 800
+
+
+def test_a_frame_whose_peak_is_below_the_threshold_is_not_marked() -> None:
+    box = slice(10, 20), slice(10, 20)
+    assert masks.marked(drawn((*box, 0.6)), 0.5, 0.5).any()
+    assert not masks.marked(drawn((*box, 0.4)), 0.5, 0.5).any()
+
+
+def test_one_pixel_is_no_peak() -> None:
+    pixel, box = (slice(50, 51), slice(50, 51), 0.99), (slice(10, 20), slice(10, 20), 0.4)
+    assert not masks.marked(drawn(pixel, box), 0.5, 0.5).any()
+    assert masks.marked(drawn(pixel, box), 0.3, 0.5).sum() == 100
+
+
+def test_without_a_share_each_pixel_above_the_threshold_is_marked() -> None:
+    odds = drawn((slice(10, 20), slice(10, 20), 0.9), (slice(40, 50), slice(40, 50), 0.55))
+    assert masks.marked(odds, 0.5, None).sum() == 200
+
+
+def test_old_weights_keep_their_rule_and_new_ones_bring_theirs(tmp_path: Path) -> None:
+    old, new = weights.Calibration(threshold=0.7), weights.Calibration(threshold=0.4, share=0.6)
+    for calibration, rule in ((old, (0.7, None)), (new, (0.4, 0.6)), (None, (0.5, None))):
+        weights.save_weights(Listener(tiny_listener.SMALL), tmp_path / "file.safetensors", calibration)
+        method = predict.load_method(tmp_path / "file.safetensors", device="cpu")
+        assert (method.threshold, method.share) == rule
+    method = predict.load_method(tmp_path / "file.safetensors", device="cpu", threshold=0.2)
+    assert (method.threshold, method.share) == (0.2, None)
+
+
 def test_a_component_is_named_after_what_is_seen_there_and_heard() -> None:
     cells = answer((42, 84, 63, 100))
     mask = marked(cells, np.zeros((252, 252, 3), np.uint8))
