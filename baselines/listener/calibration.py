@@ -223,14 +223,14 @@ def temperature(odds: Tensor, truth: Tensor, weights: Tensor, *, biased: bool = 
         (3, 2)
     """
 
-    def loss(found: NDArray[np.float64]) -> float:
+    def loss(found: Any) -> float:
         mean = mean_of_looks(odds, math.exp(found[0]), found[1] if biased else 0.0)
         each = binary_cross_entropy_with_logits(mean, truth, reduction="none").flatten(1).mean(dim=1)
         return float((each * weights).sum() / weights.sum())
 
     bounds = [(-math.log(_FACTOR), math.log(_FACTOR)), (-_MOST_BIAS, _MOST_BIAS)]
     start = np.array([[0.0, 0.0], [0.5, 0.0], [0.0, 1.0]])
-    how = {"initial_simplex": start if biased else start[:2, :1], "xatol": 1e-3, "fatol": 1e-9, "maxiter": 120}
+    how: Any = {"initial_simplex": start if biased else start[:2, :1], "xatol": 1e-3, "fatol": 1e-9, "maxiter": 120}
     found = minimize(loss, start[0, : 1 + biased], method="Nelder-Mead", bounds=bounds[: 1 + biased], options=how)
     return round(math.exp(found.x[0]), 3), round(float(found.x[1]), 3) if biased else 0.0
 
