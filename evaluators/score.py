@@ -283,7 +283,7 @@ def with_soft_masks(
     Examples:
         >>> from avs3d_bench import Dataset
         >>> dataset, found = Dataset("data/demo"), evaluate("data/demo-submissions/oracle", "data/demo")
-        >>> soft = with_soft_masks(found, dataset, Path("data/demo-submissions/oracle")).scores.soft  # its masks, 0 and 1
+        >>> soft = with_soft_masks(found, dataset, Path("data/demo-submissions/oracle")).scores.soft
         >>> round(soft.parts["part_1"].AP, 3)
         1.0
     """
