@@ -211,7 +211,7 @@ HOUSE = {
         "listener": "networks sound_control",
         "echosegnet": "oracle_errors oracle sound_control",
         "foundation": "networks owod_bind sound_control echosegnet",
-        "direction_alone": "listener echosegnet networks sound_control",
+        "direction_alone": "listener echosegnet sound_control",
         "references": "oracle echosegnet",
         "reference_scores": "",
         "questions": "echosegnet references",
