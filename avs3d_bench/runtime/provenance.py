@@ -213,7 +213,6 @@ LEFT_OUT = frozenset(
         "evaluators.metrics.inputs",
         "evaluators.metrics.pointing",
         "evaluators.metrics.rir",
-        "evaluators.metrics.soft",
         "evaluators.reading.convention_names",
         "evaluators.questions",
         "evaluators.reading.mask_folders",

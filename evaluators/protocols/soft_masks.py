@@ -19,7 +19,7 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.runtime.parallel import process_each
 from evaluators.metrics.masks import mean
 from evaluators.metrics.soft import average_precision
-from evaluators.reading.mask_folders import read_probability
+from evaluators.reading.grey_pictures import read_probability
 from evaluators.statistics.bootstrap import interval
 
 

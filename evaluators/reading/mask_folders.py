@@ -13,16 +13,16 @@ from itertools import chain, groupby
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats.mask_values import as_mask
-from avs3d_bench.formats.media import decode_png, png_header
+from avs3d_bench.formats.media import png_header
 from evaluators.metrics.accumulator import Accumulator
 from evaluators.metrics.conventions import avsbench, avss, combo, ref_avs
 from evaluators.reading.convention_names import Convention
+from evaluators.reading.grey_pictures import read_grey, read_probability
 
 Figures = dict[str, float | None]
 #: Values of a released test script: frames of a clip, clips of a batch.
@@ -240,40 +240,15 @@ def _predictions(pairs: Clip, read: Callable[[Path], NDArray[Any]]) -> Iterator[
 
 
 def _mask(path: Path) -> NDArray[np.bool_]:
-    pixels = _grey(path)
+    pixels = read_grey(path)
     try:
         return as_mask(pixels, (pixels.shape[0], pixels.shape[1]), str(path))
     except Avs3dError as error:
         raise Avs3dError(f"{error}; --soft reads the grey levels of predictions as probabilities") from None
 
 
-def read_probability(path: Path) -> NDArray[np.float32]:
-    """(H, W) the grey levels of a soft mask as probabilities: 255, or 65535 with 16 bits, is 1.
-
-    Raises:
-        Avs3dError: if the file is damaged, or has colours.
-    """
-    pixels = _grey(path)
-    return np.asarray(pixels / np.float32(np.iinfo(pixels.dtype).max), dtype=np.float32)
-
-
 def _ids(path: Path) -> NDArray[np.uint8]:
-    pixels = _grey(path)
+    pixels = read_grey(path)
     if pixels.dtype != np.uint8:
         raise Avs3dError(f"{path}: 16 bits, expected class ids in a grey PNG of 8 bits")
     return pixels
-
-
-def _grey(path: Path) -> NDArray[Any]:
-    """The pixels of a picture without colour, (H, W) uint8 or uint16; of three equal channels one.
-
-    Raises:
-        Avs3dError: if it is damaged, or has colours.
-    """
-    pixels = decode_png(path, cv2.IMREAD_UNCHANGED)
-    if pixels.ndim == 3:
-        colours = pixels[..., :3]
-        if (colours != colours[..., :1]).any():
-            raise Avs3dError(f"{path}: a coloured picture, expected a grey one")
-        pixels = colours[..., 0]
-    return np.asarray(pixels)
