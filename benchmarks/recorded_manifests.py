@@ -58,7 +58,8 @@ def recorded(text: str, lock: Lock) -> str:
     lines = ["sounds:"]
     for category in sorted(sounds):
         lines += [f"  {category}:", *(f"    - {{asset: {item['asset']}}}" for item in sounds[category])]
-    lines += ["voices:", *(f"  {category}: [{', '.join(left[category])}]" for category in sorted(left))]
+    if left:
+        lines += ["voices:", *(f"  {category}: [{', '.join(left[category])}]" for category in sorted(left))]
     return _HEADER.format(name=name) + head + "\n".join(lines) + "\n" + observations
 
 
