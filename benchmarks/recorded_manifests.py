@@ -82,7 +82,8 @@ def recorded(
     lines = ["sounds:"] if sounds else []
     for category in sorted(sounds):
         lines += [f"  {category}:", *(f"    - {{asset: {item['asset']}}}" for item in sounds[category])]
-    lines += ["voices:", *(f"  {category}: [{', '.join(left[category])}]" for category in sorted(left))]
+    if left:
+        lines += ["voices:", *(f"  {category}: [{', '.join(left[category])}]" for category in sorted(left))]
     header = _HEADER.format(name=name, what=_WORDS[split]) + (_FETCH.format(name=name) if split == "test" else "")
     return header + head + "\n".join(lines) + "\n" + observations
 

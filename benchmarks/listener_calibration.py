@@ -1,0 +1,52 @@
+"""Calibrate weights of the listener that are there, as a training does at its end (docs/listener-training.md).
+
+    python -m benchmarks.listener_calibration WEIGHTS --calibrate-on SHARDS -o FOLDER [--accelerator cuda]
+
+FOLDER gets ``listener.safetensors`` with the same network and the new numbers, its sha256, and ``calibration.json``:
+what was chosen, and the figures by which. Decoded frames lie in ``FOLDER/calibration``, which may be deleted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from avs3d_bench.formats.files import write_json
+
+
+@click.command()
+@click.argument("weights", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option(
+    "--calibrate-on", required=True, type=click.Path(exists=True, file_okay=False, path_type=Path), metavar="SHARDS"
+)
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), metavar="FOLDER", help="New or empty.")
+@click.option("--accelerator", type=click.Choice(["cpu", "cuda"]), default="cpu", show_default=True)
+@click.option("--workers", type=click.IntRange(1), help="Processes that read shards. [default: one a core]")
+def main(weights: Path, calibrate_on: Path, output: Path, accelerator: str, workers: int | None) -> None:
+    """Calibrate weights of the listener on homes for validation."""
+    from lightning_fabric import Fabric
+
+    from baselines.listener.augment import Bank
+    from baselines.listener.calibration import calibrate
+    from baselines.listener.training import CALIBRATION, prepare
+    from baselines.listener.weights import read_weights, save_weights
+
+    if output.exists() and any(output.iterdir()):
+        raise click.UsageError(f"{output}: not empty; expected a new or empty folder")
+    fabric = Fabric(accelerator=accelerator, devices=1, precision="32-true")
+    fabric.launch()
+    loaded = read_weights(weights, device=fabric.device)
+    store = prepare(calibrate_on, output / CALIBRATION, fabric, workers=workers, progress=True)
+    chosen, figures = calibrate(loaded.network, store, Bank(store, fabric.device), fabric, every_home=True)
+    digest = save_weights(loaded.network, output / "listener.safetensors", chosen)
+    write_json(
+        output / "calibration.json",
+        {"weights": loaded.digest, "sha256": digest, "calibration": asdict(chosen), "figures": figures},
+    )
+    click.echo(f"{output / 'listener.safetensors'}: {chosen}; calibration error {figures['error']:.3f}")
+
+
+if __name__ == "__main__":
+    main()
