@@ -3,7 +3,8 @@
     python -m benchmarks.listener_calibration WEIGHTS --calibrate-on SHARDS -o FOLDER [--accelerator cuda]
 
 FOLDER gets ``listener.safetensors`` with the same network and the new numbers, its sha256, and ``calibration.json``:
-what was chosen, and the figures by which. Decoded frames lie in ``FOLDER/calibration``, which may be deleted.
+what was chosen, and the figures by which. Decoded frames lie in ``FOLDER/calibration``, which may be deleted. A FOLDER
+that is not empty is refused.
 """
 
 from __future__ import annotations
@@ -13,15 +14,16 @@ from pathlib import Path
 
 import click
 
+from avs3d_bench.cli import run
+from avs3d_bench.commands.outputs import OUTPUT_FOLDER, PATH
+from avs3d_bench.errors import UsageError
 from avs3d_bench.formats.files import write_json
 
 
 @click.command()
-@click.argument("weights", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@click.option(
-    "--calibrate-on", required=True, type=click.Path(exists=True, file_okay=False, path_type=Path), metavar="SHARDS"
-)
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), metavar="FOLDER", help="New or empty.")
+@click.argument("weights", type=PATH)
+@click.option("--calibrate-on", required=True, type=PATH, metavar="SHARDS", help="Homes for validation.")
+@click.option("-o", "--output", required=True, type=OUTPUT_FOLDER, metavar="FOLDER", help="New or empty.")
 @click.option("--accelerator", type=click.Choice(["cpu", "cuda"]), default="cpu", show_default=True)
 @click.option("--workers", type=click.IntRange(1), help="Processes that read shards. [default: one a core]")
 def main(weights: Path, calibrate_on: Path, output: Path, accelerator: str, workers: int | None) -> None:
@@ -33,8 +35,8 @@ def main(weights: Path, calibrate_on: Path, output: Path, accelerator: str, work
     from baselines.listener.training import CALIBRATION, prepare
     from baselines.listener.weights import read_weights, save_weights
 
-    if output.exists() and any(output.iterdir()):
-        raise click.UsageError(f"{output}: not empty; expected a new or empty folder")
+    if output.exists() and (not output.is_dir() or any(output.iterdir())):
+        raise UsageError(f"{output}: not empty; expected a new or an empty folder")
     fabric = Fabric(accelerator=accelerator, devices=1, precision="32-true")
     fabric.launch()
     loaded = read_weights(weights, device=fabric.device)
@@ -49,4 +51,4 @@ def main(weights: Path, calibrate_on: Path, output: Path, accelerator: str, work
 
 
 if __name__ == "__main__":
-    main()
+    run(main, program="listener_calibration")
