@@ -13,7 +13,8 @@ EXTRAS := generate,baselines,train,cluster,inspect,exports,get,sofa,dev,docs
 MANIFEST ?= scenes_manifest/open-s34-o7.yaml
 NAME := $(basename $(notdir $(MANIFEST)))
 OUT ?= data/$(NAME)
-WORKERS ?= $(shell nproc 2>/dev/null || echo 2)
+# nproc says 1 where OMP_NUM_THREADS=1 is set.
+WORKERS ?= $(shell env -u OMP_NUM_THREADS nproc 2>/dev/null || echo 2)
 # Processes that share the tests, each of which takes up to 3 GiB. One more than cores, since some tests wait for others.
 JOBS ?= $(shell n=$(WORKERS); [ "$$n" -gt 7 ] && echo 8 || echo "$$((n + 1))")
 PYTEST = $(BIN)/python -m pytest -n $(JOBS) --dist worksteal --durations 40

@@ -7,7 +7,8 @@
 AVS3D ?= .venv/bin/avs3d
 PYTHON ?= .venv/bin/python
 LISTENER ?= data/listener
-WORKERS ?= $(shell nproc 2>/dev/null || echo 2)
+# nproc says 1 where OMP_NUM_THREADS=1 is set.
+WORKERS ?= $(shell env -u OMP_NUM_THREADS nproc 2>/dev/null || echo 2)
 # Of the generator: cpu or cuda.
 DEVICE ?= cpu
 # How many the training uses; 0: it runs on the CPU.
