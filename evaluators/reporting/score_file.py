@@ -41,9 +41,10 @@ MAX_SCORES_BYTES = 64 * 2**20
 #: Largest difference of a mean from that of the file's own observations: values are kept to nine digits.
 _ROUNDING = 1e-8
 _NAMED = 100
-#: Field that tells a record → its fields that came with `listen` 1.1.
+#: Field that tells a record → its fields that came later: with `listen` 1.1, and soft masks.
 _ADDED: Mapping[str, Collection[str]] = {
     "bootstrap_seed": ("bootstrap_unit",), "right": ("kind",), "pair_accuracy": PAIR_KINDS,
+    "submission": ("soft",),
 }  # fmt: skip
 _SCORE_AGAIN = "score the submission again"
 
@@ -90,7 +91,7 @@ def contents_digest(scores: Scores) -> str:
 
 
 def _without_added(value: Any) -> Any:
-    """A JSON document without the null fields that came with `listen` 1.1: unit of intervals, kinds of pairs."""
+    """A JSON document without the null fields that came later: unit of intervals, kinds of pairs, soft masks."""
     if isinstance(value, list):
         return [_without_added(inner) for inner in value]
     if not isinstance(value, dict):
