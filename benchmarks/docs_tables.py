@@ -214,18 +214,17 @@ class Results:
 
     def seeds_classes(self) -> str:
         """What the listener sees, by category, and how sure it is."""
-        titles = [
-            f"{listener_seeds.TESTS[data]}, {run}"
-            for data in listener_seeds.PICTURES
-            for run in listener_seeds.RUNS.values()
-        ]
-        return text(["figure", *titles], listener_seeds.class_rows(self.seeds()))
+        runs = self.seeds()
+        columns = listener_seeds.class_columns(runs)
+        titles = [f"{listener_seeds.TESTS[data]}, {listener_seeds.RUNS[run]}" for data, run in columns]
+        return text(["figure", *titles], listener_seeds.class_rows(runs))
 
-    def sound_controls(self) -> str:
-        """The listener with another sound in place of its own, on the run before."""
-        tests = [f"{title}, {part}" for title in listener_seeds.FORMER_TESTS.values() for part in ("part_1", "part_2")]
-        head = ["`--sound`", *tests, *(f"listen, {name}" for name in ("twins", "all pairs", "IoU"))]
-        return text(head, listener_seeds.control_rows(self.json("listener-seeds-former")))
+    def sound_controls(self, run: str, tests: Iterable[str] = listener_seeds.FORMER_TESTS) -> str:
+        """The listener with another sound in place of its own."""
+        tests = tuple(tests)
+        titles = [f"{listener_seeds.TESTS[name]}, {part}" for name in tests for part in ("part_1", "part_2")]
+        head = ["`--sound`", *titles, *(f"listen, {name}" for name in ("twins", "all pairs", "IoU"))]
+        return text(head, listener_seeds.control_rows(self.json(f"listener-seeds-{run}"), tests))
 
     def echosegnet_sounds(self) -> str:
         """EchoSegnet with another sound in place of its own, part_2."""
@@ -468,11 +467,12 @@ def blocks(docs: Path) -> dict[str, list[tuple[str, Callable[[], str]]]]:
         ],
         "docs/listener.md": [
             ("strict", own.seeds_strict), ("listen", own.seeds_listen), ("classes", own.seeds_classes),
+            ("controls", lambda: own.sound_controls("package", ["open-s34-o7"])),
         ],
         "docs/listener-trials.md": [
             ("former strict", lambda: own.seeds_strict(listener_seeds.FORMER_RUNS)),
             ("former listen", lambda: own.seeds_listen(listener_seeds.FORMER_RUNS)),
-            ("controls", own.sound_controls), ("sounds", own.listener_sounds),
+            ("controls", lambda: own.sound_controls("former")), ("sounds", own.listener_sounds),
         ],
         "docs/scans.md": [("scans", own.scans)],
         "docs/sounds.md": [

@@ -5,14 +5,16 @@ Each folder has the files of `benchmarks.listener_tables` for one seed, and thos
 ``listen`` the pair accuracy by kind of pair: the mean over the seeds, the value of each, and the interval over homes
 of the first seed. ``DATASET-classes`` has what the network sees. `--table` prints the rows as a table.
 
-docs/results/listener-seeds.json is of the three seeds, -package of the seed whose weights are the package's. -former
-and -former-package are the same weights on the run before, with its pictures and its rule of direction; of that run
-are also -plain, seed 0 without the random changes of version 3, and -old, the package's weights before.
+docs/results/listener-seeds-package.json is of the package's weights, with the rule of masks by a frame's peak;
+-former-rule of the same network in the same job, with its first calibration and a threshold. listener-seeds.json is of
+three seeds on the run before, with a threshold; the network of the package is the last of them. -former and
+-former-package are the same on the run before that, with its pictures and its rule of direction; of that run are also
+-plain, seed 0 without the random changes of version 3, and -old, the package's weights before.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from statistics import fmean
 from typing import Any
@@ -23,7 +25,7 @@ from avs3d_bench.contract.scores import Scores
 from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.formats.files import read_json, write_json
 from avs3d_bench.formats.media import read_record
-from benchmarks.listener_summary import share
+from benchmarks.listener_summary import MISSING, share
 from benchmarks.listener_tables import ROWS, RUN_JSON
 from benchmarks.sound_rows import LISTEN_FIGURES, row_of
 
@@ -35,7 +37,11 @@ PICTURES = ("open-s34-o7", "open-s34-o7-sh3d", "open-scans")
 #: Rows that need no other sound.
 ANSWERS = {"2d": "network", "direction": "direction", "both": "both"}
 #: What runs are called in the docs: name in files (empty: the three seeds) → title; and those of the run before.
-RUNS = {"package": "package", "": "three seeds"}
+RUNS = {
+    "package": "package",
+    "former-rule": "the same with the former rule of masks",
+    "": "three seeds, former rule",
+}
 FORMER_RUNS = {
     "old": "former weights",
     "former-package": "package",
@@ -124,36 +130,37 @@ def listen_rows(runs: Mapping[str, Any]) -> list[list[str]]:
 def _cells(runs: Mapping[str, Any], name: str, part: str, metric: str) -> list[str]:
     """A cell for each run; a dash where a run lacks the figure."""
     figures = [found.get(name, {}).get(part, {}).get(metric) for found in runs.values()]
-    return [cell(figure) if figure else "–" for figure in figures]
+    return [cell(figure) if figure else MISSING for figure in figures]
+
+
+def class_columns(runs: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """What `class_rows` has columns of: each of `PICTURES`, and each run that has its figures."""
+    return [(data, run) for data in PICTURES for run, found in runs.items() if f"{data}-classes" in found]
 
 
 def class_rows(runs: Mapping[str, Any]) -> list[list[str]]:
-    """Rows of what the network sees: the figure, and a cell for each of `PICTURES` and each run; see `strict_rows`."""
+    """Rows of what the network sees: the figure, and a cell for each of `class_columns`; see `strict_rows`."""
     figures = {
         **{name: ("classes", f"IoU, {name.replace('_', ' ')}") for name in CATEGORIES},
         "calibration_error": ("masks", "calibration error above .1"),
         "average_precision": ("masks", "average precision"),
     }
     return [
-        [title, *(one for data in PICTURES for one in _cells(runs, f"{data}-classes", group, name))]
+        [title, *(_cells({run: runs[run]}, f"{data}-classes", group, name)[0] for data, run in class_columns(runs))]
         for name, (group, title) in figures.items()
     ]
 
 
-def control_rows(found: Mapping[str, Any]) -> list[list[str]]:
-    """Rows of `--sound`, first seed: strict IoU of each of `FORMER_TESTS` and part; twins, all pairs, IoU of listen."""
+def control_rows(found: Mapping[str, Any], tests: Iterable[str] = FORMER_TESTS) -> list[list[str]]:
+    """Rows of `--sound`, first seed: strict IoU of each of the tests and part; twins, all pairs, IoU of listen."""
 
     def first(name: str, part: str, metric: str) -> str:
-        return share(found[name][part][metric]["values"][0])
+        return share(found[name][part][metric]["values"][0]) if name in found else MISSING
 
     return [
         [
             "own" if row.name == "2d" else row.setting,
-            *(
-                first(f"{data}-{row.name}", part, "strict_IoU")
-                for data in FORMER_TESTS
-                for part in ("part_1", "part_2")
-            ),
+            *(first(f"{data}-{row.name}", part, "strict_IoU") for data in tests for part in ("part_1", "part_2")),
             *(first(f"listen-{row.name}", "part_3", metric) for metric in ("twins", "pair_accuracy", "IoU")),
         ]
         for row in ROWS.values()

@@ -9,7 +9,7 @@ import pytest
 
 from avs3d_bench.contract.scores import Scores
 from avs3d_bench.formats.files import write_json
-from benchmarks.listener_seeds import cell, class_rows, figures_of
+from benchmarks.listener_seeds import cell, class_columns, class_rows, control_rows, figures_of, strict_rows
 from benchmarks.listener_summary import settings_lines, settings_text, twin_accuracy, twin_pairs
 
 RESULTS = Path(__file__).parents[2] / "docs/results"
@@ -62,14 +62,27 @@ def test_figures_of_seeds_are_a_mean_with_every_value_and_the_interval_of_the_fi
     assert cell(one) == ".350 (.200–.500)"
 
 
-def test_what_the_network_sees_is_a_row_for_each_category_and_a_dash_where_none_stands(tmp_path: Path) -> None:
+def test_what_the_network_sees_is_a_column_for_each_run_that_has_it_and_a_dash_where_none_stands(
+    tmp_path: Path,
+) -> None:
     for name, clock in {"seed0": 0.5, "seed1": 0.2}.items():
         seen = {"class_iou": {"clock": clock, "toilet": None}, "calibration_error": 0.1, "average_precision": clock}
         write_json(tmp_path / name / "classes-open-scans.json", {"datasets": {"open-scans": seen}})
-    rows = {row[0]: row[1:] for row in class_rows({"": figures_of((tmp_path / "seed0", tmp_path / "seed1"))})}
-    assert rows["IoU, clock"] == ["–", "–", ".350 (.200–.500)"]
-    assert rows["IoU, toilet"] == ["–"] * 3
-    assert rows["calibration error above .1"] == ["–", "–", ".100 (.100–.100)"]
+    runs = {"package": {}, "": figures_of((tmp_path / "seed0", tmp_path / "seed1"))}
+    assert class_columns(runs) == [("open-scans", "")]
+    rows = {row[0]: row[1:] for row in class_rows(runs)}
+    assert rows["IoU, clock"] == [".350 (.200–.500)"]
+    assert rows["IoU, toilet"] == ["–"]
+    assert rows["calibration error above .1"] == [".100 (.100–.100)"]
+
+
+def test_a_row_that_a_run_lacks_has_a_dash() -> None:
+    figure = {"mean": 0.25, "values": [0.25], "interval": None}
+    found = {"open-s34-o7-2d": {part: {"strict_IoU": figure} for part in ("part_1", "part_2")}}
+    assert strict_rows({"package": found, "": {}})[0] == ["test voices", "network", "part_1", ".250", "–"]
+    rows = {row[0]: row[1:] for row in control_rows(found, ["open-s34-o7"])}
+    assert rows["own"] == [".250", ".250", "–", "–", "–"]
+    assert rows["swapped-ears"] == ["–"] * 5
 
 
 def test_the_cell_of_one_seed_has_its_interval_over_homes() -> None:
