@@ -32,7 +32,7 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats.media import write_png_categories
 from avs3d_bench.formats.staging import staged_folder
 from avs3d_bench.method import Method, write_submission
-from avs3d_bench.submission import Prediction, SubmissionWriter
+from avs3d_bench.submission import Prediction, SubmissionFolder, SubmissionWriter
 from baselines.listener.masks import (
     LEAST_AREA,
     MOST_LOGIT,
@@ -236,7 +236,7 @@ def write_soft_mask(folder: Path, frame: Frame, odds: NDArray[np.float32]) -> No
         frame: whose they are.
         odds: (H, W) log-odds.
     """
-    path = folder / frame.observation.key / layout.SUBMISSION_MASKS / f"{frame.name}.png"
+    path = SubmissionFolder(folder, ()).mask_path(frame.observation.key, frame.name)
     path.parent.mkdir(parents=True, exist_ok=True)
     write_png_categories(path, np.round(255 * expit(odds)).astype(np.uint8))
 

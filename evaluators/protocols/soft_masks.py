@@ -11,12 +11,12 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from avs3d_bench.contract import layout
 from avs3d_bench.contract.scores import Scores, SoftScores, SoftSummary
 from avs3d_bench.contract.taxonomy import PARTS
 from avs3d_bench.dataset import Dataset, Frame
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.runtime.parallel import process_each
+from avs3d_bench.submission import SubmissionFolder
 from evaluators.metrics.masks import mean
 from evaluators.metrics.soft import average_precision
 from evaluators.reading.grey_pictures import read_probability
@@ -25,7 +25,7 @@ from evaluators.statistics.bootstrap import interval
 
 def soft_mask_path(folder: Path, frame: Frame) -> Path:
     """Where the soft mask of a test frame lies in a folder of soft masks."""
-    return folder / frame.observation.key / layout.SUBMISSION_MASKS / f"{frame.name}.png"
+    return SubmissionFolder(folder, ()).mask_path(frame.observation.key, frame.name)
 
 
 def soft_scores(
