@@ -42,7 +42,8 @@ def test_what_was_built_last_is_found_again_for_equal_triangles_alone() -> None:
     near = np.array([[[-1.0, -1.0, -1.0], [3.0, -1.0, -1.0], [-1.0, 3.0, -1.0]]])
     triangles = [near, near.copy(), near * 2, near]
     found = [RayCaster(each).closest([0.0, 0.0, 0.0], [[0.0, 0.0, -1.0]])[0][0] for each in triangles]
-    assert found == [1.0, 1.0, 2.0, 1.0]
+    # Embree's last bit depends on the vector unit of the processor.
+    np.testing.assert_allclose(found, [1.0, 1.0, 2.0, 1.0], rtol=1e-6)
 
 
 def test_a_query_leaves_its_limits_as_they_were() -> None:

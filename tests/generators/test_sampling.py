@@ -43,7 +43,8 @@ from generators.sampling.sweep_cli import sweep
 MANIFESTS = Path(__file__).parents[2] / "scenes_manifest"
 TRAIN, LISTEN, TUNE = (MANIFESTS / f"{name}.yaml" for name in ("train", "listen", "listen-tune"))
 #: Version of all manifests.
-VERSION = "4.0.0"
+VERSION_OF = {"train": "5.0.0"}
+"""Manifests of another version than "4.0.0"."""
 #: Manifests on which networks are trained, and on which settings are chosen; all others test.
 SPLIT_OF = {"train": "train"} | dict.fromkeys(("listen-tune", "marks-tune", "cue-weights"), "validation")
 NOTHING = Excluded({}, {}, {})
@@ -820,7 +821,7 @@ def test_no_committed_manifest_draws_voices_of_another_split() -> None:
         if "lock" in path.name:
             continue
         manifest = read_manifest(path).manifest
-        assert manifest.version == VERSION, path.name
+        assert manifest.version == VERSION_OF.get(path.stem, "4.0.0"), path.name
         heard = {name for entry in manifest.observations for name in entry.heard}
         assert heard <= {*manifest.voices, *manifest.sounds}, f"{path.name}: a category plays its old sound"
         for category, names in manifest.voices.items():
