@@ -33,7 +33,7 @@ class LocalScheduler:
         """See `tasks.Scheduler`."""
         slots = max(1, min(self.slots, len(tasks)))
         ledger = Ledger(tasks, retries=policy.retries, ahead=2 * slots)
-        everyone = [Supervised(dict(policy.environment), slot=slot, name=f"worker {slot}") for slot in range(slots)]
+        everyone = [Supervised(_environment(policy, slot), slot=slot, name=f"worker {slot}") for slot in range(slots)]
         free, busy = list(reversed(everyone)), dict[Supervised, Next]()
         loading, warm_up = set[Supervised](), policy.warm_up
         groups: dict[Supervised, str] = {}  # of what each did last
@@ -79,6 +79,12 @@ class LocalScheduler:
         finally:
             for worker in everyone:
                 worker.kill()
+
+
+def _environment(policy: Policy, slot: int) -> dict[str, str]:
+    """What the worker of a slot gets: one GPU, if the run has several."""
+    own = {"CUDA_VISIBLE_DEVICES": policy.gpus[slot % len(policy.gpus)]} if policy.gpus else {}
+    return dict(policy.environment) | own
 
 
 def _next(

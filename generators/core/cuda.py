@@ -137,6 +137,23 @@ def require_device() -> Device:
     return Device(_text(device.name), tuple(device.compute_capability), int(info.total), int(info.free))
 
 
+def visible_devices() -> tuple[str, ...]:
+    """The devices that this process sees and that are of the kind in use, as CUDA_VISIBLE_DEVICES names them.
+
+    A frame has the same bytes on devices of one kind alone. Empty in the simulator.
+
+    Raises:
+        Avs3dError: if CUDA cannot be used.
+    """
+    mine = require_device().name
+    if is_simulated():
+        return ()
+    found = [_text(device.name) for device in _numba_cuda().list_devices()]
+    named = [name.strip() for name in os.environ.get("CUDA_VISIBLE_DEVICES", "").split(",") if name.strip()]
+    names = named or [str(number) for number in range(len(found))]
+    return tuple(name for name, kind in zip(names, found, strict=False) if kind == mine)
+
+
 def most_workers() -> int:
     """How many worker processes the free memory of the device has room for, at least 1.
 

@@ -17,7 +17,7 @@ from avs3d_bench.scheduling.options import Options as Scheduling
 from avs3d_bench.scheduling.options import scheduler_of
 from avs3d_bench.scheduling.tasks import Listener
 from generators.backends import vision_backend
-from generators.core.cuda import most_workers
+from generators.core.cuda import cuda_problem, most_workers, visible_devices
 from generators.core.folders import default_cache
 from generators.manifest.reading import ManifestFile, read_manifest, select
 from generators.options import GenerateOptions, check_path
@@ -112,7 +112,8 @@ def generate_plans(
     Raises:
         UsageError, Avs3dError: see `generators.run.runner.run`.
     """
-    count = options.workers or _workers(options)
+    gpus = _gpus(options)
+    count = options.workers or _workers(options, max(1, len(gpus)))
     where = scheduling or Scheduling()
     policy = where.policy(one_thread=True)
     environment = dict(policy.environment) | ONE_THREAD
@@ -121,7 +122,7 @@ def generate_plans(
         workers=count,
         scheduler=lambda: scheduler_of(where, count),
         shared=where.remote,
-        policy=replace(policy, environment=tuple(sorted(environment.items()))),
+        policy=replace(policy, environment=tuple(sorted(environment.items())), gpus=gpus),
         limit=where.limit(default_limit(plans[0].camera)),
         max_failures=where.max_failures,
         format=options.format,
@@ -150,17 +151,27 @@ def _to_remake(source: ManifestFile, plans: Sequence[ObservationPlan], patterns:
     return frozenset(found)
 
 
-def _workers(options: GenerateOptions) -> int:
-    """One worker process per core; with CUDA no more than the device's memory has room for.
+def _gpus(options: GenerateOptions) -> tuple[str, ...]:
+    """The GPUs that worker processes share, see `Policy.gpus`."""
+    if "cuda" in (options.device, options.vision):
+        return visible_devices()
+    return visible_devices() if _is_pathtraced_on_gpu(options) and cuda_problem() is None else ()
+
+
+def _is_pathtraced_on_gpu(options: GenerateOptions) -> bool:
+    return options.vision == "pathtraced" and frames_at_once(vision_backend(options.vision, options.device)) > 1
+
+
+def _workers(options: GenerateOptions, gpus: int) -> int:
+    """One worker process per core; with CUDA no more than the memory of the devices has room for.
 
     A renderer that works on several frames at once keeps its device busy with one process; another one opens scenes
     meanwhile.
     """
     cores = available_cores()
-    if options.vision == "pathtraced" and frames_at_once(vision_backend(options.vision, options.device)) > 1:
-        return min(cores, _SHARING)
-    uses_cuda = "cuda" in (options.device, options.vision)
-    return min(cores, most_workers()) if uses_cuda else cores
+    if _is_pathtraced_on_gpu(options):
+        return min(cores, _SHARING * gpus)
+    return min(cores, most_workers() * gpus) if "cuda" in (options.device, options.vision) else cores
 
 
 def _ignore(_: object) -> None:

@@ -386,6 +386,11 @@ def test_the_pool_runs_everything_on_as_many_processes_as_asked() -> None:
     assert {r.value[0] for r in results.values()} == {0, 1}
 
 
+def test_workers_share_the_gpus() -> None:
+    results, _ = run([Task(str(n), work.gpu, ()) for n in range(6)], workers=3, gpus=("4", "GPU-a"))
+    assert {result.value for result in results.values()} == {(0, "4"), (1, "GPU-a"), (2, "4")}
+
+
 @pytest.mark.slow
 def test_what_crashed_or_hung_once_is_done_on_another_worker(tmp_path: Path) -> None:
     tasks = [

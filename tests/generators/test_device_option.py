@@ -107,9 +107,10 @@ def test_as_many_processes_as_the_device_has_memory_for(
 ) -> None:
     monkeypatch.setattr(cuda, "require_device", lambda: cuda.Device("T4", (7, 5), 1 << 40, free))
     monkeypatch.setattr(generation, "available_cores", lambda: 16)
-    assert generation._workers(GenerateOptions(device="cuda")) == expected
-    assert generation._workers(GenerateOptions(vision="cuda")) == expected
-    assert generation._workers(GenerateOptions()) == 16
+    assert generation._workers(GenerateOptions(device="cuda"), 1) == expected
+    assert generation._workers(GenerateOptions(vision="cuda"), 1) == expected
+    assert generation._workers(GenerateOptions(device="cuda"), 2) == min(16, 2 * expected)
+    assert generation._workers(GenerateOptions(), 1) == 16
 
 
 @pytest.mark.parametrize(("variant", "expected"), [("cuda_ad_rgb", 2), ("llvm_ad_rgb", 16)])
@@ -118,7 +119,33 @@ def test_two_processes_share_a_device_that_follows_paths(
 ) -> None:
     monkeypatch.setattr(pathtraced, "_mitsuba", lambda: SimpleNamespace(variant=lambda: variant))
     monkeypatch.setattr(generation, "available_cores", lambda: 16)
-    assert generation._workers(GenerateOptions(vision="pathtraced")) == expected
+    assert generation._workers(GenerateOptions(vision="pathtraced"), 1) == expected
+    assert generation._workers(GenerateOptions(vision="pathtraced"), 4) == min(16, 4 * expected)
+
+
+@pytest.mark.parametrize(
+    ("variable", "expected"), [(None, ("0", "2")), ("", ("0", "2")), ("3, GPU-a,5", ("3", "5")), ("1", ("1",))]
+)
+def test_devices_of_one_kind_are_shared(
+    monkeypatch: pytest.MonkeyPatch, variable: str | None, expected: tuple[str, ...]
+) -> None:
+    kinds = [SimpleNamespace(name=name) for name in (b"NVIDIA H200", b"NVIDIA T4", b"NVIDIA H200")]
+    monkeypatch.setattr(cuda, "require_device", lambda: cuda.Device("NVIDIA H200", (9, 0), 1 << 40, 1 << 40))
+    monkeypatch.setattr(cuda, "_numba_cuda", lambda: SimpleNamespace(list_devices=lambda: kinds))
+    monkeypatch.setattr(cuda, "is_simulated", lambda: False)
+    if variable is None:
+        monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
+    else:
+        monkeypatch.setenv("CUDA_VISIBLE_DEVICES", variable)
+    assert cuda.visible_devices() == expected
+    monkeypatch.setattr(generation, "cuda_problem", lambda: None)
+    monkeypatch.setattr(generation, "_is_pathtraced_on_gpu", lambda options: options.vision == "pathtraced")
+    assert generation._gpus(GenerateOptions(device="cuda")) == expected
+    assert generation._gpus(GenerateOptions(vision="pathtraced")) == expected
+    assert generation._gpus(GenerateOptions()) == ()
+    # Mitsuba needs no numba-cuda.
+    monkeypatch.setattr(generation, "cuda_problem", lambda: "numba-cuda is not installed")
+    assert generation._gpus(GenerateOptions(vision="pathtraced")) == ()
 
 
 @pytest.mark.parametrize("chosen", [("--device", "cuda"), ("--vision", "cuda")])

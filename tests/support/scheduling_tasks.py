@@ -33,6 +33,12 @@ def place(context: Context) -> tuple[int, int]:
     return context.slot, os.getpid()
 
 
+def gpu(context: Context) -> tuple[int, str | None]:
+    """(slot, the GPU that the process sees), after long enough that every worker gets one."""
+    time.sleep(0.3)
+    return context.slot, os.environ.get("CUDA_VISIBLE_DEVICES")
+
+
 def interrupted(context: Context) -> str:
     os.kill(os.getpid(), signal.SIGINT)
     return "went on"
