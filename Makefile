@@ -150,9 +150,9 @@ dataset: setup ## generate and validate the benchmark: MANIFEST=… OUT=… WORK
 	  $(if $(filter cpu,$(DEVICE)),--workers $(WORKERS)) $(if $(VISION),--vision $(VISION)) $(OPTIONS)
 	$(BIN)/avs3d validate $(OUT) --deep
 
-listener: setup ## make the training data, train the listener, make the test sets and the tables: GPUS=… MINUTES=… (docs/listener.md)
+listener: setup ## make the training data, train the listener with three seeds, make the test sets and the tables: GPUS=… JOBS=… (docs/listener-training.md)
 	$(if $(filter cuda,$(DEVICE)),$(PIP) $(PINNED) -e '.[cuda]')
-	@$(MAKE) --no-print-directory -f benchmarks/listener.mk -j 2 AVS3D=$(BIN)/avs3d PYTHON=$(BIN)/python WORKERS=$(WORKERS) DEVICE=$(DEVICE)
+	@$(MAKE) --no-print-directory -f benchmarks/listener.mk -j $(JOBS) AVS3D=$(BIN)/avs3d PYTHON=$(BIN)/python WORKERS=$(WORKERS) DEVICE=$(DEVICE)
 
 # Each module is compiled once, not by each of the hundreds of programs that tests start, whatever the shell says.
 test test-slow test-all: export PYTHONDONTWRITEBYTECODE =

@@ -1,9 +1,9 @@
-# The listener from nothing: training data, training, test sets, tables and their page. `make listener` runs it.
+# The listener from nothing: training data, a training for each seed, test sets, figures. `make listener` runs it.
 #
-#   make listener LISTENER=data/listener GPUS=2 MINUTES=10
+#   make listener LISTENER=data/listener GPUS=4 JOBS=16
 #
-# Every step leaves a file below LISTENER and is left out where it is there already: a run that was stopped goes on. Minutes
-# of each step are in LISTENER/times.txt. Test sets are made while the network trains.
+# Every step leaves a file below LISTENER and is left out where it is there already: a run that was stopped goes on. Seconds
+# of each step are in LISTENER/times.txt. What does not wait for another step runs at the same time, JOBS of them.
 AVS3D ?= .venv/bin/avs3d
 PYTHON ?= .venv/bin/python
 LISTENER ?= data/listener
@@ -11,86 +11,142 @@ LISTENER ?= data/listener
 WORKERS ?= $(shell env -u OMP_NUM_THREADS nproc 2>/dev/null || echo 2)
 # Of the generator: cpu or cuda.
 DEVICE ?= cpu
-# How many the training uses; 0: it runs on the CPU.
+# How many the trainings and the rows share; 0: they run on the CPU.
 GPUS ?= 1
+SEEDS ?= 0 1 2
 TRAIN ?= scenes_manifest/train.yaml
 # The training data has a folder for each of these parts: homes by the last digit of their number, with options of their own.
 # `recorded` plays the recordings for training that are in the store; without a GPU, `pathtraced` has the usual pictures.
-TRAIN_PARTS ?= pathtraced tracer analytic recorded
+TRAIN_PARTS ?= tracer pathtraced analytic recorded
 TRAIN_tracer ?= --only '*/home_*[2-7]/*' --audio tracer
 TRAIN_analytic ?= --only '*/home_*[08]/*' --audio analytic
 TRAIN_recorded ?= --only '*/home_*9/*' --audio tracer
-TRAIN_pathtraced ?= --only '*/home_*1/*' --audio tracer $(if $(filter 0,$(GPUS)),,--vision pathtraced --workers 4)
+TRAIN_pathtraced ?= --only '*/home_*1/*' --audio tracer $(if $(filter 0,$(GPUS)),,--vision pathtraced)
+# Of the workers (%), for what is made at the same time.
+SHARE_tracer ?= 52
+SHARE_analytic ?= 16
+SHARE_recorded ?= 10
+SHARE_pathtraced ?= 8
+SHARE_tune ?= 14
+SHARE_test ?= 50
+SHARE_rows ?= 12
+SHARE_best ?= 36
 # Of `avs3d generate` for all parts.
-TRAIN_OPTIONS ?= --frames 12
+TRAIN_OPTIONS ?= --size 252 --frames 12
+# After this time a part of the training data is what has been made of it; without a number it is made whole.
+DATA_MINUTES ?=
 # Homes and voices for validation, by which thresholds and temperatures are chosen, and other options of `generate` for it.
 TUNE ?= scenes_manifest/listen-tune.yaml scenes_manifest/marks-tune.yaml
 TUNE_OPTIONS ?= --size 252 --frames 12
-EPOCHS ?= 30
-# Of the training, before these: they learn what is seen, without sound.
-PICTURE_STEPS ?= 1300
-# After this time the training stops; the same command goes on.
-MINUTES ?= 20
-TRAIN_LISTENER_OPTIONS ?=
-# Manifests in scenes_manifest/, made with the tracer's sound; NAME+ENGINE makes one with another engine's.
-TESTS ?= open-s34-o7 listen open-s34-o7+soundspaces
-TEST_OPTIONS ?=
-# Of the Gaussians of EchoSegnet.
-ITERATIONS ?= 7000
-SCORES ?= docs/results
-PAGE ?= docs/listener-results.md
-TABLES_OPTIONS ?=
+# Of each training; the first of them learn what is seen, without sound.
+STEPS ?= 4500
+PICTURE_STEPS ?= 1500
+TRAIN_LISTENER_OPTIONS ?= --validate-every 1600
+# Of the ablation with small networks, which shares the GPUs with the trainings; 0: none.
+ABLATION_MINUTES ?= $(if $(filter 0,$(GPUS)),0,13)
+# Test sets: NAME is scenes_manifest/NAME.yaml with the tracer's sound, NAME+ENGINE with another engine's, NAME-heads with heads
+# for tests. MANIFEST_NAME is another file. Those that play recordings or show models of others need these in the store.
+TESTS ?= open-s34-o7 listen open-s34-o7-heads open-s34-o7+soundspaces
+TEST_OPTIONS ?= --size 504 --frames 64
+# Rows that each seed has, and those of the best seed alone, on these sets.
+ROWS ?= 2d direction both
+BEST_TESTS ?= $(filter open-s34-o7 listen,$(TESTS))
+BEST_ROWS ?= truth listener controls
+# EchoSegnet on the masks of the best seed.
+TESTS_3D ?= $(filter open-s34-o7 listen,$(TESTS))
+OPTIONS_3D ?= --rows spatial --rows official --iterations 7000
+# Figures of the seeds and of the best one, and its page.
+FIGURES ?= $(LISTENER)/figures
 
 SHARDS := $(LISTENER)/train
-RUN := $(LISTENER)/run
-WEIGHTS := $(RUN)/listener.safetensors
-ROOTS := $(TESTS:%=$(LISTENER)/tests/%)
-TABLES := $(PYTHON) -m benchmarks.listener_tables $(ROOTS) -o $(SCORES) --work $(LISTENER)/work --weights $(WEIGHTS) \
-  --workers $(WORKERS) $(TABLES_OPTIONS)
+CARDS := $(SEEDS:%=$(LISTENER)/run/seed%/listener.safetensors)
+SCORED := $(foreach test,$(TESTS),$(SEEDS:%=$(LISTENER)/rows-%-$(test).done))
+BEST = $$($(PYTHON) -m benchmarks.listener_best $(patsubst %/listener.safetensors,%,$(CARDS)))
+share = $(shell echo $$(( ($(WORKERS) * $1 + 99) / 100 )))
+# $(call on,N): one GPU in turn, if there is any.
+on = $(if $(filter 0,$(GPUS)),,CUDA_VISIBLE_DEVICES=$$(( $1 % $(GPUS) )))
 # $(call timed,name,command): run it, log it, write down its seconds.
 timed = @mkdir -p $(LISTENER)/logs; echo "$1: log in $(LISTENER)/logs/$1.txt"; began=$$(date +%s); \
   { $2; } > $(LISTENER)/logs/$1.txt 2>&1 || { tail -n 3 $(LISTENER)/logs/$1.txt; echo "$1: failed"; exit 1; }; \
   echo "$1 $$(( $$(date +%s) - began )) s" | tee -a $(LISTENER)/times.txt
+# $(call tables,seed,sets,options,share of the workers)
+tables = $(PYTHON) -m benchmarks.listener_tables $(foreach test,$2,$(test)=$(LISTENER)/tests/$(test)) -o $(LISTENER)/scores/seed$1 \
+  --work $(LISTENER)/work/seed$1 --weights $(LISTENER)/run/seed$1/listener.safetensors --workers $(call share,$4) $3
 
 .PHONY: all
-all: $(LISTENER)/page.done
+all: $(LISTENER)/figures.done
+
+# Each kernel is compiled once, not by every process at once.
+$(LISTENER)/kernels.done:
+	$(call timed,kernels,$(PYTHON) -m tests.support.compile_kernels)
+	@touch $@
 
 $(LISTENER)/manifests/train-recorded.yaml:
 	$(call timed,recordings,$(PYTHON) -m benchmarks.recorded_manifests --train $(@D))
 
-# Status 1 with a list of shards: a few sampled observations found no place.
-$(LISTENER)/train-%.done: | $(LISTENER)/manifests/train-recorded.yaml
-	$(call timed,train-$*,$(AVS3D) generate $(if $(filter recorded,$*),$(firstword $|),$(TRAIN)) -o $(SHARDS)/$* --format webdataset \
-	  --device $(DEVICE) --workers $(WORKERS) $(TRAIN_$*) $(TRAIN_OPTIONS) || { [ $$? -eq 1 ] && [ -f $(SHARDS)/$*/shards.json ]; })
+# Status 1: a few sampled observations found no place; 124: the time was over.
+$(LISTENER)/train-%.done: | $(LISTENER)/kernels.done $(LISTENER)/manifests/train-recorded.yaml
+	$(call timed,train-$*,$(if $(DATA_MINUTES),timeout -k 20 $(DATA_MINUTES)m) $(AVS3D) generate \
+	  $(if $(filter recorded,$*),$(LISTENER)/manifests/train-recorded.yaml,$(TRAIN)) -o $(SHARDS)/$* --format webdataset \
+	  --device $(DEVICE) --workers $(call share,$(SHARE_$*)) $(TRAIN_$*) $(TRAIN_OPTIONS) || { status=$$?; \
+	  [ $$status -eq 1 -o $$status -eq 124 ] && ls $(SHARDS)/$*/*.tar > /dev/null; })
 	@touch $@
 
-$(LISTENER)/train-data.done: $(TRAIN_PARTS:%=$(LISTENER)/train-%.done)
+$(LISTENER)/tune.done: | $(LISTENER)/kernels.done
+	$(call timed,tune,$(foreach each,$(TUNE),$(AVS3D) generate $(each) -o $(LISTENER)/tune/$(basename $(notdir $(each))) \
+	  --format webdataset --audio tracer --device $(DEVICE) --workers $(call share,$(SHARE_tune)) $(TUNE_OPTIONS) &&) true)
 	@touch $@
 
-$(LISTENER)/tune-data.done: | $(LISTENER)/train-data.done
-	$(call timed,tune-data,$(foreach each,$(TUNE),$(AVS3D) generate $(each) -o $(LISTENER)/tune/$(basename $(notdir $(each))) \
-	  --format webdataset --audio tracer --device $(DEVICE) --workers $(WORKERS) $(TUNE_OPTIONS) &&) true)
+# Once for all trainings.
+$(LISTENER)/decoded.done: $(TRAIN_PARTS:%=$(LISTENER)/train-%.done) $(LISTENER)/tune.done
+	$(call timed,decoded,$(PYTHON) -m benchmarks.listener_ablation decode $(LISTENER) train tune --workers $(WORKERS))
 	@touch $@
 
-$(WEIGHTS): $(LISTENER)/train-data.done $(LISTENER)/tune-data.done
-	$(call timed,train,$(PYTHON) -m benchmarks.listener_training --data $(SHARDS) -o $(RUN) --epochs $(EPOCHS) \
-	  --picture-steps $(PICTURE_STEPS) --minutes $(MINUTES) --manifest $(TRAIN) --calibrate-on $(LISTENER)/tune $(if $(filter 0,$(GPUS)),--accelerator cpu,--devices $(GPUS)) \
-	  $(TRAIN_LISTENER_OPTIONS) && [ -f $@ ])
+$(CARDS): $(LISTENER)/run/seed%/listener.safetensors: $(LISTENER)/decoded.done
+	$(call timed,seed$*,$(call on,$*) $(PYTHON) -m benchmarks.listener_training --data $(SHARDS) --cache $(LISTENER)/train-cache \
+	  --calibrate-on $(LISTENER)/tune -o $(@D) --seed $* --picture-steps $(PICTURE_STEPS) --steps $(STEPS) --manifest $(TRAIN) \
+	  $(if $(filter 0,$(GPUS)),--accelerator cpu) $(TRAIN_LISTENER_OPTIONS) && [ -f $@ ])
 
-# After the training data: both use all cores.
-$(LISTENER)/test-%.done: | $(LISTENER)/train-data.done
-	$(call timed,test-$*,$(AVS3D) generate scenes_manifest/$(firstword $(subst +, ,$*)).yaml -o $(LISTENER)/tests/$* \
-	  --audio $(or $(word 2,$(subst +, ,$*)),tracer) --device $(DEVICE) --workers $(WORKERS) $(TEST_OPTIONS))
+$(LISTENER)/ablation.done: $(LISTENER)/decoded.done
+	$(if $(filter-out 0,$(ABLATION_MINUTES)),$(call timed,ablation,$(call on,$(words $(SEEDS))) $(PYTHON) -m benchmarks.listener_ablation train \
+	  $(SHARDS) $(LISTENER)/train-cache -o $(LISTENER)/ablation --test 'other homes and voices=$(LISTENER)/tune-cache' --minutes $(ABLATION_MINUTES)))
 	@touch $@
 
-$(LISTENER)/2d.done: $(WEIGHTS) $(TESTS:%=$(LISTENER)/test-%.done)
-	$(call timed,rows-2d,$(TABLES))
+# After the training data: both use all cores. Trainings go first.
+$(LISTENER)/test-%.done: | $(LISTENER)/decoded.done
+	$(call timed,test-$*,nice -n 5 $(AVS3D) generate $(or $(MANIFEST_$*),scenes_manifest/$(patsubst %-heads,%,$(firstword $(subst +, ,$*))).yaml) \
+	  -o $(LISTENER)/tests/$* --audio $(or $(word 2,$(subst +, ,$*)),tracer) --device $(DEVICE) $(if $(filter %-heads,$*),--hrtf family-test) \
+	  --workers $(call share,$(SHARE_test)) $(TEST_OPTIONS))
 	@touch $@
 
-$(LISTENER)/echosegnet.done: $(LISTENER)/2d.done
-	$(call timed,rows-echosegnet,$(TABLES) --rows echosegnet --iterations $(ITERATIONS))
+define rows
+$(LISTENER)/rows-$1-$2.done: $(LISTENER)/run/seed$1/listener.safetensors $(LISTENER)/test-$2.done
+	$$(call timed,rows-$1-$2,$$(call on,$1) $$(call tables,$1,$2,$$(ROWS:%=--rows %),$$(SHARE_rows)) && $$(call on,$1) $(PYTHON) -m benchmarks.listener_classes \
+	  $(LISTENER)/tests/$2 -o $(LISTENER)/scores/seed$1/classes-$2.json --weights $$<)
+	@touch $$@
+endef
+$(foreach seed,$(SEEDS),$(foreach test,$(TESTS),$(eval $(call rows,$(seed),$(test)))))
+
+# The best seed by its calibration, in which no test set takes part; its controls, and EchoSegnet on its masks.
+$(LISTENER)/best-rows.done: $(foreach test,$(BEST_TESTS),$(SEEDS:%=$(LISTENER)/rows-%-$(test).done))
+	$(if $(BEST_TESTS),$(call timed,best-rows,best=$(BEST) && $(call tables,$$best,$(BEST_TESTS),$(BEST_ROWS:%=--rows %),$(SHARE_best))))
 	@touch $@
 
-$(LISTENER)/page.done: $(LISTENER)/echosegnet.done
-	$(call timed,page,{ [ -f $(PAGE) ] || cp docs/listener-results.md $(PAGE); } && $(PYTHON) -m benchmarks.listener_page $(SCORES) $(ROOTS) --work $(LISTENER)/work --page $(PAGE))
+$(LISTENER)/best-3d.done: $(CARDS) $(TESTS_3D:%=$(LISTENER)/test-%.done)
+	$(if $(TESTS_3D),$(call timed,best-3d,best=$(BEST) && $(call tables,$$best,$(TESTS_3D),$(OPTIONS_3D),$(SHARE_best))))
 	@touch $@
+
+$(LISTENER)/figures.done: $(SCORED) $(LISTENER)/best-rows.done $(LISTENER)/best-3d.done $(LISTENER)/ablation.done
+	@$(MAKE) --no-print-directory -f $(firstword $(MAKEFILE_LIST)) figures
+	@touch $@
+
+# What is there so far.
+.PHONY: figures
+figures:
+	$(call timed,figures,mkdir -p $(FIGURES) && best=$(BEST) && \
+	  $(PYTHON) -m benchmarks.listener_seeds $(SEEDS:%=$(LISTENER)/scores/seed%) -o $(FIGURES)/listener-seeds.json --table && \
+	  $(PYTHON) -m benchmarks.listener_seeds $(LISTENER)/scores/seed$$best -o $(FIGURES)/listener-seeds-package.json && \
+	  if [ -d $(LISTENER)/ablation ]; then $(PYTHON) -m benchmarks.listener_ablation collect $(LISTENER)/ablation -o $(FIGURES)/listener-ablation.json; fi && \
+	  printf '# The listener\n\n<!-- tables -->\n<!-- end of tables -->\n' > $(FIGURES)/page.md && \
+	  $(PYTHON) -m benchmarks.listener_page $(LISTENER)/scores/seed$$best $(foreach test,$(BEST_TESTS),$(test)=$(LISTENER)/tests/$(test)) \
+	    --work $(LISTENER)/work/seed$$best --page $(FIGURES)/page.md)

@@ -85,7 +85,7 @@ class Arm:
 
 
 _SOUNDS = ("disguise", "eq", "band", "gain", "noise", "codec", "decay", "ears")
-_PICTURES = ("blur", "colour", "grain", "jpeg")
+_PICTURES = ("clutter", "blur", "colour", "grain", "jpeg")
 #: Title in the docs → arm, in the order in which they are trained.
 ARMS = {
     "nothing": Arm(),

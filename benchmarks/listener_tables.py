@@ -33,6 +33,7 @@ from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.files import read_json, sha256_file, write_json
 from avs3d_bench.formats.media import read_record
+from avs3d_bench.runtime.file_lock import wait_for_lock
 from avs3d_bench.runtime.parallel import available_cores, process_each
 from avs3d_bench.runtime.provenance import provenance
 from avs3d_bench.submission import SubmissionFolder, SubmissionWriter
@@ -325,16 +326,22 @@ def run_rows(label: str, dataset: Dataset, rows: Sequence[Row], plan: Plan) -> d
     return found
 
 
+def _read_run(plan: Plan) -> dict[str, Any]:
+    """What listener-run.json says of rows that are there."""
+    path = plan.output / RUN_JSON
+    known: dict[str, Any] = read_json(path) if path.exists() else {}
+    weights = plan.digest or known.get("weights", "")
+    return {"weights": weights, "datasets": known.get("datasets", {}), "rows": known.get("rows", {})}
+
+
 def run_all(roots: dict[str, Path], rows: Sequence[Row], plan: Plan) -> list[str]:
     """Run the rows that are not there yet; messages of those that failed."""
-    document: dict[str, Any] = read_json(plan.output / RUN_JSON) if (plan.output / RUN_JSON).exists() else {}
-    weights = plan.digest or document.get("weights", "")
-    document = {"weights": weights, "datasets": document.get("datasets", {}), "rows": document.get("rows", {})}
+    document = _read_run(plan)
     failed = []
     for some in together(rows):
         for label, root in roots.items():
             dataset = Dataset(root)
-            document["datasets"][label] = {"name": dataset.name, "version": dataset.record and dataset.record.version}
+            named = {"name": dataset.name, "version": dataset.record and dataset.record.version}
             wanted = []
             for row in some:
                 name = f"{label}-{row.name}"
@@ -352,8 +359,11 @@ def run_all(roots: dict[str, Path], rows: Sequence[Row], plan: Plan) -> list[str
                 failed += [f"{label}-{row.name}: {error}" for row in wanted]
                 click.echo(f"{label}: {', '.join(row.name for row in wanted)}: failed: {error}", err=True)
                 continue
-            document["rows"] |= found
-            write_json(plan.output / RUN_JSON, document)
+            with wait_for_lock(plan.output / f".{RUN_JSON}.lock"):
+                document = _read_run(plan)  # another run may score another dataset into the same folder
+                document["datasets"][label] = named
+                document["rows"] |= found
+                write_json(plan.output / RUN_JSON, document)
             for name, entry in found.items():
                 click.echo(f"{name}: {entry['seconds']} s")
     return failed

@@ -63,8 +63,8 @@ class Policy:
     Attributes:
         retries: how often a task is tried again after anything but a refusal.
         environment: variables that every worker process gets before it imports anything.
-        gpus: values of CUDA_VISIBLE_DEVICES, of which worker processes of this machine get one each, in turn; none: each
-            sees what this process sees.
+        gpus: values of CUDA_VISIBLE_DEVICES, of which worker processes of this machine get one each, in turn; none:
+            each sees what this process sees.
         warm_up: run by the workers that find nothing to do at the start, because all tasks wait for a few: they load
             what the tasks need meanwhile. How it ends changes nothing. For processes of this machine only.
     """

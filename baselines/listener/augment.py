@@ -166,7 +166,7 @@ def augmented(batch: Batch, generator: torch.Generator, without: Collection[str]
         turned = hidden(turned, generator)
     turned = replace(turned, sounds=changed_sounds(turned.sounds, generator, without))
     shown = enlarged(turned, generator)
-    return replace(shown, pictures=changed_pictures(shown.pictures, generator, without))
+    return replace(shown, pictures=changed_pictures(shown.pictures, shown.classes > 0, generator, without))
 
 
 def hidden(batch: Batch, generator: torch.Generator) -> Batch:
@@ -217,7 +217,7 @@ def parts(batch: Batch, generator: torch.Generator, without: Collection[str] = (
     sizes = torch.zeros(count, CLASSES, device=classes.device).scatter_add_(1, classes, ones)
     weights = (around[:, None] & (classes > 0)) / sizes.clamp(min=1).gather(1, classes)
     shown = _shown(turned, part, weights, PART_SIDE, generator)
-    return replace(shown, pictures=changed_pictures(shown.pictures, generator, without))
+    return replace(shown, pictures=changed_pictures(shown.pictures, shown.classes > 0, generator, without))
 
 
 def enlarged(batch: Batch, generator: torch.Generator) -> Batch:

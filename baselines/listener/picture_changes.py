@@ -15,24 +15,34 @@ from torch.nn.functional import avg_pool2d, conv2d, pad
 from baselines.listener.sound_changes import uniform
 
 #: Names of the changes; see `changed_pictures`.
-PICTURE_CHANGES = ("colour", "blur", "grain", "jpeg")
+PICTURE_CHANGES = ("clutter", "colour", "blur", "grain", "jpeg")
 #: Shares of pictures: grey, blurred, through a file of few bytes.
 GREY, BLURRED, PACKED = 0.1, 0.25, 0.3
 #: Standard deviations of a blur (pixels), largest standard deviation of grain, steps of a file's coefficients.
 BLUR, GRAIN, JPEG_STEP = (0.4, 1.6), 0.04, (0.02, 0.08)
+#: Share of pictures with other surroundings. Times the details that they have, and those of another picture's
+#: surroundings; largest standard deviation of a texture (share of the brightness), slopes of its power spectrum;
+#: details are smaller than this side (pixels).
+CLUTTERED, OWN, OTHERS = 0.4, (0.5, 2.5), (0.0, 1.2)
+TEXTURE, SLOPES, DETAIL = 0.15, (1.5, 3.0), 15
 #: Side of the blocks of a file (pixels).
 _BLOCK = 8
 
 
-def changed_pictures(pictures: Tensor, generator: torch.Generator, without: Collection[str] = ()) -> Tensor:
-    """Pictures (B, 3, H, W), 0 to 1, with other colours, blurred, as a file of few bytes, with grain.
+def changed_pictures(
+    pictures: Tensor, objects: Tensor, generator: torch.Generator, without: Collection[str] = ()
+) -> Tensor:
+    """Pictures (B, 3, H, W), 0 to 1, with other surroundings and colours, blurred, as a file of few bytes, with grain.
 
     Args:
         pictures: float32.
+        objects: (B, H, W) bool, where something of the categories is.
         generator: of random numbers, on the pictures' device.
         without: names of `PICTURE_CHANGES` that are left out.
     """
     out = pictures
+    if "clutter" not in without:
+        out = cluttered(out, objects, generator)
     if "colour" not in without:
         out = coloured(out, generator)
     if "blur" not in without:
@@ -40,12 +50,46 @@ def changed_pictures(pictures: Tensor, generator: torch.Generator, without: Coll
     if "grain" not in without:
         noise = torch.randn(out.shape, generator=generator, device=out.device)
         coarse = uniform(generator, len(out))[:, None, None, None] < 0.3
-        smooth = 3 * avg_pool2d(pad(noise, (1, 1, 1, 1), mode="replicate"), 3, 1)
         amount = GRAIN * uniform(generator, len(out))[:, None, None, None].square()
-        out = out + amount * torch.where(coarse, smooth, noise)
+        out = out + amount * torch.where(coarse, 3 * _smooth(noise, 3), noise)
     if "jpeg" not in without:
         out = packed(out, generator)
     return out.clamp(0, 1)
+
+
+def cluttered(pictures: Tensor, objects: Tensor, generator: torch.Generator) -> Tensor:
+    """Some pictures with more detail around their objects, as photographs of rooms have it.
+
+    Random surroundings help a network that learns from renderings to see in photographs (Tobin et al., *Domain
+    randomization for transferring deep neural networks from simulation to the real world*, IROS 2017). Here the
+    picture's own details are weakened or strengthened, those of another picture's surroundings are added, and the
+    result is multiplied by a texture whose power falls with the frequency as that of natural images does (Field 1987).
+    Objects change by a random share of it, up to a half: not only what is smooth is an object.
+    """
+    count, channels, height, width = pictures.shape
+
+    def each(low: float, high: float) -> Tensor:
+        return uniform(generator, count, low, high).view(count, 1, 1, 1)
+
+    inside = _smooth(objects[:, None].float(), 3)
+    around = 1 - inside
+    detail = (pictures - _smooth(pictures, DETAIL)) * around
+    others = detail[torch.randperm(count, generator=generator, device=pictures.device)].flip(-1)
+    down = torch.fft.fftfreq(height, device=pictures.device)[:, None]
+    frequency = torch.hypot(down, torch.fft.rfftfreq(width, device=pictures.device)).clamp(min=1 / max(height, width))
+    noise = torch.randn(count, 1 + channels, height, width, generator=generator, device=pictures.device)
+    texture = torch.fft.irfft2(torch.fft.rfft2(noise) * frequency ** (-0.5 * each(*SLOPES)), s=(height, width))
+    texture = texture / texture.std(dim=(2, 3), keepdim=True).clamp(min=1e-6)
+    texture = texture[:, :1] + each(0, 0.4) * texture[:, 1:]
+    changed = pictures + (each(*OWN) - 1) * detail + each(*OTHERS) * others
+    changed = changed * (1 + each(0, 1).square() * TEXTURE * texture).clamp(min=0)
+    chosen = (uniform(generator, count) < CLUTTERED).view(count, 1, 1, 1)
+    return torch.lerp(pictures, changed, (1 - each(0.5, 1) * inside) * chosen).clamp(0, 1)
+
+
+def _smooth(values: Tensor, side: int) -> Tensor:
+    """Means over squares of an odd number of pixels."""
+    return avg_pool2d(pad(values, (side // 2,) * 4, mode="replicate"), side, 1)
 
 
 def coloured(pictures: Tensor, generator: torch.Generator) -> Tensor:

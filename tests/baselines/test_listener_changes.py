@@ -71,12 +71,33 @@ def test_each_change_of_sounds_can_be_left_out_and_depends_on_the_seed_alone(nam
 @pytest.mark.parametrize("name", picture_changes.PICTURE_CHANGES)
 def test_each_change_of_pictures_can_be_left_out(name: str) -> None:
     pictures = torch.rand(8, 3, 20, 20, generator=torch.Generator().manual_seed(0))
+    objects = torch.zeros(8, 20, 20, dtype=torch.bool)
     others = set(picture_changes.PICTURE_CHANGES) - {name}
-    changed = picture_changes.changed_pictures(pictures, torch.Generator().manual_seed(0), others)
+    changed = picture_changes.changed_pictures(pictures, objects, torch.Generator().manual_seed(0), others)
     assert changed.shape == pictures.shape
     assert 0.003 < (changed - pictures).abs().mean() < 0.3
     every = picture_changes.PICTURE_CHANGES
-    assert torch.equal(picture_changes.changed_pictures(pictures, torch.Generator().manual_seed(0), every), pictures)
+    same = picture_changes.changed_pictures(pictures, objects, torch.Generator().manual_seed(0), every)
+    assert torch.equal(same, pictures)
+
+
+def test_clutter_is_around_objects_and_gives_a_flat_wall_the_spectrum_of_its_slope() -> None:
+    pictures = torch.full((64, 3, 64, 64), 0.5)
+    objects = torch.zeros(64, 64, 64, dtype=torch.bool)
+    objects[:, 20:40, 20:40] = True
+    changed = picture_changes.cluttered(pictures, objects, torch.Generator().manual_seed(0))
+    change = (changed - pictures).abs().mean(dim=1)
+    moved = change.flatten(1).any(dim=1)
+    assert 0.25 < moved.float().mean() < 0.55
+    inside, outside = change[moved][:, 22:38, 22:38].mean(), change[moved][:, :16].mean()
+    assert 0.1 < inside / outside < 0.5
+    flat = picture_changes.cluttered(pictures, torch.zeros_like(objects), torch.Generator().manual_seed(0))[moved].mean(
+        1
+    )
+    power = torch.fft.rfft2(flat - flat.mean(dim=(1, 2), keepdim=True)).abs().square()[:, 0]
+    slopes = torch.log2(power[:, 16:32].mean(dim=1) / power[:, 4:8].mean(dim=1)) / 2
+    low, high = (-slope for slope in picture_changes.SLOPES)
+    assert high - 0.8 < slopes.min() < slopes.max() < low + 0.8
 
 
 def test_the_command_names_all_changes() -> None:

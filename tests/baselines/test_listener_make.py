@@ -7,11 +7,13 @@ import re
 import shlex
 import shutil
 import subprocess
+from collections import Counter
 from pathlib import Path
 
 import click
 import pytest
 
+from avs3d_bench.formats.files import write_json
 from generators.manifest.reading import read_manifest, select
 from tests.support.markdown_code import ROOT
 
@@ -26,8 +28,8 @@ def commands(folder: Path, *variables: str) -> list[list[str]]:
         command, cwd=ROOT, env=environment, capture_output=True, text=True, check=True, timeout=60
     )  # fmt: skip
     lines = done.stdout.replace("\\\n", " ").splitlines()
-    programs = r"(?:\.venv/bin/avs3d|\.venv/bin/python -m) .*?(?= \|\| | && |; \})"
-    return [shlex.split(found.group(0)) for line in lines if (found := re.search(programs, line))]
+    programs = r"(?:\.venv/bin/avs3d|\.venv/bin/python -m(?! tests)) .*?(?= \|\| | && |; \}|; fi|\))"
+    return [shlex.split(found.replace("$best", "0")) for line in lines for found in re.findall(programs, line)]
 
 
 def command_of(arguments: list[str]) -> tuple[click.Command, list[str]]:
@@ -38,32 +40,48 @@ def command_of(arguments: list[str]) -> tuple[click.Command, list[str]]:
         assert arguments[1] == "generate"
         return generate, arguments[2:]
     from baselines.listener.cli import listener
-    from benchmarks import listener_page, listener_tables, recorded_manifests
+    from benchmarks import (
+        listener_ablation,
+        listener_best,
+        listener_classes,
+        listener_page,
+        listener_seeds,
+        listener_tables,
+        recorded_manifests,
+    )
 
     modules = {
         "listener_training": listener,
+        "listener_ablation": listener_ablation.main.commands.get(arguments[3]),  # type: ignore[attr-defined]
+        "listener_best": listener_best.main,
+        "listener_classes": listener_classes.main,
         "listener_tables": listener_tables.main,
         "listener_page": listener_page.main,
+        "listener_seeds": listener_seeds.main,
         "recorded_manifests": recorded_manifests.main,
     }
-    return modules[arguments[2].removeprefix("benchmarks.")], arguments[3:]
+    name = arguments[2].removeprefix("benchmarks.")
+    return modules[name], arguments[4 if name == "listener_ablation" else 3 :]
 
 
 @pytest.mark.parametrize("gpus", [0, 2])
 def test_every_step_is_a_command_with_options_that_exist(tmp_path: Path, gpus: int) -> None:
     (tmp_path / "run").mkdir()
-    found = commands(tmp_path, "TESTS=demo listen+soundspaces", f"GPUS={gpus}")
-    steps = []
+    found = commands(tmp_path, "TESTS=demo listen+soundspaces demo-heads", "TESTS_3D=demo", f"GPUS={gpus}", "SEEDS=0 1")
+    steps = Counter[str]()
     for arguments in found:
         command, rest = command_of(arguments)
         context = command.make_context(command.name or "", rest, resilient_parsing=True)
         known = {option for parameter in command.params for option in parameter.opts}
-        assert {word for word in rest if word.startswith("-")} <= known
-        steps.append(str(context.params.get("audio") or arguments[2]))
-    assert steps[:6] == ["benchmarks.recorded_manifests", "tracer", "tracer", "analytic", "tracer", "tracer"]
-    assert sorted(steps[6:9]) == ["benchmarks.listener_training", "soundspaces", "tracer"]
-    assert steps[9:] == ["benchmarks.listener_tables", "benchmarks.listener_tables", "benchmarks.listener_page"]
+        assert {word for word in rest if re.match("--?[a-z]", word)} <= known
+        steps[str(context.params.get("audio") or arguments[2].removeprefix("benchmarks."))] += 1
+    trained = {"listener_training": 2, "listener_ablation": 3 if gpus else 2}
+    # 6 rows of seeds, EchoSegnet; without BEST_TESTS the best seed has no others.
+    scored = {"listener_tables": 7, "listener_classes": 6, "listener_best": 2, "listener_seeds": 2, "listener_page": 1}
+    made = {"recorded_manifests": 1, "tracer": 3 + 2 + 2, "analytic": 1, "soundspaces": 1}
+    assert steps == {**made, **trained, **scored}
     assert any("pathtraced" in arguments for arguments in found) == bool(gpus)
+    assert sum(arguments[-1] != "" and "--hrtf" in arguments for arguments in found) == 1
 
 
 def test_each_training_home_is_in_one_part_and_a_tenth_of_the_observations_is_path_traced(tmp_path: Path) -> None:
@@ -80,14 +98,49 @@ def test_each_training_home_is_in_one_part_and_a_tenth_of_the_observations_is_pa
 
 
 def test_what_is_there_is_not_made_again(tmp_path: Path) -> None:
-    (tmp_path / "run").mkdir()
     (tmp_path / "manifests").mkdir()
+    (tmp_path / "run" / "seed0").mkdir(parents=True)
     parts = [f"train-{part}.done" for part in ("pathtraced", "tracer", "analytic", "recorded")]
-    names = ["manifests/train-recorded.yaml", *parts, "train-data.done", "tune-data.done"]
-    for name in (*names, "run/listener.safetensors", "test-demo.done"):
+    names = ["kernels.done", "manifests/train-recorded.yaml", *parts, "tune.done", "decoded.done"]
+    for name in (*names, "run/seed0/listener.safetensors", "test-demo.done", "ablation.done"):
         (tmp_path / name).touch()
-    assert [arguments[2] for arguments in commands(tmp_path, "TESTS=demo")] == [
-        "benchmarks.listener_tables",
-        "benchmarks.listener_tables",
-        "benchmarks.listener_page",
-    ]
+    left = [arguments[2].removeprefix("benchmarks.") for arguments in commands(tmp_path, "TESTS=demo", "SEEDS=0")]
+    assert left[:2] == ["listener_tables", "listener_classes"]
+    assert set(left[2:]) == {"listener_best", "listener_seeds", "listener_ablation", "listener_page"}
+
+
+def run_with(tmp_path: Path, program: str) -> subprocess.CompletedProcess[str]:
+    """One part of the training data, made by a program of the test in place of `avs3d`."""
+    (tmp_path / "manifests").mkdir()
+    for name in ("kernels.done", "manifests/train-recorded.yaml"):
+        (tmp_path / name).touch()
+    fake = tmp_path / "avs3d"
+    fake.write_text(f"#!/bin/sh\n{program}\n")
+    fake.chmod(0o755)
+    command = ["make", "-f", "benchmarks/listener.mk", f"LISTENER={tmp_path}", "WORKERS=2", f"AVS3D={fake}"]
+    return subprocess.run(
+        [*command, f"{tmp_path}/train-tracer.done"], cwd=ROOT, capture_output=True, text=True, timeout=60
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("status", "shards", "made"), [(0, 1, True), (1, 1, True), (124, 1, True), (1, 0, False), (2, 1, False)]
+)
+def test_a_part_is_what_could_be_made_of_it(tmp_path: Path, status: int, shards: int, made: bool) -> None:
+    folder = tmp_path / "train" / "tracer"
+    done = run_with(tmp_path, f"mkdir -p {folder}; {f'touch {folder}/one.tar; ' * shards}exit {status}")
+    assert (done.returncode == 0) == made
+    assert (tmp_path / "train-tracer.done").exists() == made
+
+
+def test_the_best_run_has_the_best_rule(tmp_path: Path) -> None:
+    from benchmarks.listener_best import best_of
+
+    runs = [tmp_path / f"seed{number}" for number in range(4)]
+    for run, rules in zip(runs, ([(0.5, 0.2)], [(0.2, 0.1), (0.6, 0.2)], [(0.6, 0.25), (0.3, 0.0)]), strict=False):
+        run.mkdir()
+        figures = {"by_rule": [{"iou": iou, "false": false} for iou, false in rules]}
+        write_json(run / "model_card.json", {"calibration": {"figures": figures}})
+    assert best_of(runs) == runs[1]
+    with pytest.raises(click.UsageError, match="let a training end first"):
+        best_of(runs[3:])
