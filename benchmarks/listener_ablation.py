@@ -55,8 +55,6 @@ KEPT = "other homes"
 RESULTS, PLAN, VOICES, COLLECTED = "results", "trainings.json", "voices.json", "listener-ablation.json"
 #: How far from what sounds the surest pixel may lie (degrees).
 NEAR_DEGREES = 5.0
-#: Probabilities above which a pixel may be marked; smallest mark, as a share of a picture.
-THRESHOLDS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98)
 #: Most frames of a set that are scored, and how many go through a network at a time.
 MOST_FRAMES, _BATCH = 512, 32
 #: Steps with pictures alone for each with sounds.
@@ -64,7 +62,7 @@ PICTURE_SHARE = 1.5
 #: Steps before the rate is measured, and over which it is.
 TIMED = (20, 60)
 #: Share of the time that is planned for, and what a training takes besides its steps (s).
-PLANNED, BESIDES = 0.8, 6.0
+PLANNED, BESIDES = 0.8, 10.0
 
 
 @dataclass(frozen=True)
@@ -292,14 +290,13 @@ class Trainer:
         result = self._train(folder, settings, store=store, bank=bank)
         shutil.rmtree(folder)
         network = result.network.eval()
-        threshold = best_threshold(self._looked(network, *self.choosing))
-        found = {name: figures_of(self._looked(network, *test), threshold) for name, test in self.tests.items()}
+        rule = rule_for(self._looked(network, *self.choosing))
+        found = {name: figures_of(self._looked(network, *test), *rule) for name, test in self.tests.items()}
         homes = split_homes(store.table.homes, settings.homes)[0]
         views = {number for number, home in enumerate(store.table.homes) if home in homes}
         data = {"homes": len(homes), "pictures": len(views), "sounds": sum(view in views for view in store.table.view)}
         write_json(self.plan.result(title, seed), {
-            "figures": found, "data": data, "threshold": THRESHOLDS[threshold],
-            "seconds": round(time.monotonic() - began, 1),
+            "figures": found, "data": data, "rule": rule, "seconds": round(time.monotonic() - began, 1),
         })  # fmt: skip
 
     def _of(self, keys: set[str]) -> list[int]:
@@ -356,16 +353,16 @@ class ScoredFrames:
     """Of N frames, what `figures_of` needs.
 
     Attributes:
-        iou: (thresholds, N) IoU of the mask.
-        marked: (thresholds, N) whether anything is marked.
+        peak: (N,) of `calibration.peaks_and_ious`.
+        iou: (N, shares) of the same.
         shown: (N,) whether something that sounds is in view.
         near: (N,) whether the surest pixel is near it.
         single: (N,) whether a single category is audible, and nothing of no class.
         named: (N,) whether the loudest category is an audible one.
     """
 
+    peak: NDArray[np.float64]
     iou: NDArray[np.float64]
-    marked: NDArray[np.bool_]
     shown: NDArray[np.bool_]
     near: NDArray[np.bool_]
     single: NDArray[np.bool_]
@@ -384,8 +381,8 @@ def look_at(network: Any, bank: Any, table: ShardTable, numbers: NDArray[np.int6
     """
     import torch
 
+    from baselines.listener.calibration import peaks_and_ious
     from baselines.listener.losses import full_size
-    from baselines.listener.masks import LEAST_AREA, logit
     from baselines.listener.model import hear
 
     found = []
@@ -395,20 +392,15 @@ def look_at(network: Any, bank: Any, table: ShardTable, numbers: NDArray[np.int6
             with fabric.autocast():
                 output = network(batch.pictures, hear(batch.sounds, batch.cameras, (SIDE, SIDE)))
             truth, odds = batch.masks, full_size(output.mask[:, None], (SIDE, SIDE))[:, 0]
-            ious, marked = [], []
-            for threshold in THRESHOLDS:
-                above = odds > logit(threshold)
-                above &= (above.flatten(1).sum(dim=1) >= LEAST_AREA * SIDE**2)[:, None, None]
-                both, either = (above & truth).flatten(1).sum(dim=1), (above | truth).flatten(1).sum(dim=1)
-                ious.append(both / either.clamp(min=1))
-                marked.append(above.flatten(1).any(dim=1))
             heard = batch.audible[:, : len(CATEGORIES)]
             loudest = output.audible[:, : len(CATEGORIES)].argmax(dim=1, keepdim=True)
-            found.append((
-                torch.stack(ious), torch.stack(marked), truth.flatten(1).any(dim=1), surest_is_near(odds, batch),
+            flags = (
+                truth.flatten(1).any(dim=1), surest_is_near(odds, batch),
                 batch.audible.sum(dim=1).eq(1) & heard.any(dim=1), heard.gather(1, loudest)[:, 0] > 0,
-            ))  # fmt: skip
-    return ScoredFrames(*(torch.cat(each, dim=-1).cpu().numpy() for each in zip(*found, strict=True)))
+            )  # fmt: skip
+            masks = peaks_and_ious(odds.float().cpu().numpy(), truth.cpu().numpy())
+            found.append((*masks, *(each.cpu().numpy() for each in flags)))
+    return ScoredFrames(*map(np.concatenate, zip(*found, strict=True)))
 
 
 def _plan(table: ShardTable, numbers: NDArray[np.int64]) -> BatchPlan:
@@ -435,26 +427,30 @@ def surest_is_near(odds: Any, batch: Any) -> Any:
     return cosine >= math.cos(math.radians(NEAR_DEGREES))
 
 
-def best_threshold(found: ScoredFrames) -> int:
-    """Number of the one of `THRESHOLDS` with the largest mean IoU less the share of frames with false marks."""
-    return int((found.iou[:, found.shown].sum(axis=1) / max(1, found.shown.sum())
-                - found.marked[:, ~found.shown].sum(axis=1) / max(1, (~found.shown).sum())).argmax())  # fmt: skip
+def rule_for(found: ScoredFrames) -> tuple[float, float]:
+    """The rule of masks that is best for these frames, as at the end of a training of its own: threshold and share."""
+    from baselines.listener.calibration import best_rule, figures_of_rules
+
+    return best_rule(figures_of_rules(found.peak, found.iou, found.shown))
 
 
-def figures_of(found: ScoredFrames, threshold: int) -> dict[str, float | None]:
+def figures_of(found: ScoredFrames, threshold: float, share: float) -> dict[str, float | None]:
     """Figures of a network, means over frames; None where there is none of the kind.
 
     Args:
         found: of `look_at`.
-        threshold: number of the one of `THRESHOLDS`.
+        threshold, share: of `rule_for`.
 
     Returns:
         ``strict_IoU`` of frames that show what sounds; ``FP_rate``, the share of the others with something marked;
         ``direction``, the share of the former whose surest pixel is near; ``category``, the share of frames with one
         audible category in which it is the most probable one.
     """
+    from baselines.listener.calibration import SHARES
+
+    marked = found.peak > threshold
     values = {
-        "strict_IoU": found.iou[threshold][found.shown], "FP_rate": found.marked[threshold][~found.shown],
+        "strict_IoU": (found.iou[:, SHARES.index(share)] * marked)[found.shown], "FP_rate": marked[~found.shown],
         "direction": found.near[found.shown], "category": found.named[found.single],
     }  # fmt: skip
     return {name: round(float(each.mean()), 4) if len(each) else None for name, each in values.items()}

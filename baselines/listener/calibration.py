@@ -15,7 +15,7 @@ that with the largest IoU. All are written into the file of weights, so that no 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -246,16 +246,42 @@ def rule_figures(
         seen: frames of it.
         odds: (N, n, n) calibrated log-odds of the mask.
     """
-    truths = unpack(torch.from_numpy(store.masks[seen.sounds])).numpy()
+    truths: NDArray[np.bool_] = unpack(torch.from_numpy(store.masks[seen.sounds])).numpy()
     nothing = np.zeros(0, np.float32)
-    peaks, ious = np.zeros(len(odds)), np.zeros((len(odds), len(SHARES)))
-    for number, (cells, truth, sound) in enumerate(zip(odds, truths, seen.sounds, strict=True)):
-        large = method.odds(Answer(cells, nothing, nothing), store.pictures[store.table.view[sound]])
+    pictures = (store.pictures[store.table.view[sound]] for sound in seen.sounds)
+    large = (method.odds(Answer(cells, nothing, nothing), each) for cells, each in zip(odds, pictures, strict=True))
+    peaks, ious = peaks_and_ious(large, truths)
+    return figures_of_rules(peaks, ious, np.asarray(truths.any(axis=(1, 2))))
+
+
+def peaks_and_ious(
+    odds: Iterable[NDArray[np.float32]], truths: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Of N frames the probability of the peak (N,), and the IoU of the mask with each of `SHARES` (N, shares).
+
+    Args:
+        odds: (H, W) log-odds of each frame's pixels.
+        truths: (N, H, W) the true masks.
+    """
+    peaks, ious = np.zeros(len(truths)), np.zeros((len(truths), len(SHARES)))
+    for number, (large, truth) in enumerate(zip(odds, truths, strict=True)):
         peaks[number] = expit(highest(large))
         for place, share in enumerate(SHARES):
             mask = marked(large, _LEAST, share)
             ious[number, place] = (mask & truth).sum() / max((mask | truth).sum(), 1)
-    shown = truths.any(axis=(1, 2))
+    return peaks, ious
+
+
+def figures_of_rules(
+    peaks: NDArray[np.float64], ious: NDArray[np.float64], shown: NDArray[np.bool_]
+) -> list[dict[str, float]]:
+    """Of each rule the mean IoU of frames that show what sounds, and the share of the others with something marked.
+
+    Args:
+        peaks: (N,) of `peaks_and_ious`.
+        ious: (N, shares) of the same.
+        shown: (N,) whether something that sounds is in view.
+    """
     return [
         {"threshold": threshold, "share": share, "iou": _mean((ious[:, place] * (peaks > threshold))[shown]),
          "false": _mean((peaks > threshold)[~shown])}

@@ -155,21 +155,26 @@ def test_figures_are_those_of_the_mask_of_the_surest_pixel_and_of_the_loudest_ca
     table: Any = SimpleNamespace(view=[0, 1, 2, 3], audible=[[]] * 4, others=[False] * 4)
     network = saying(columns(slice(0, 64), slice(0, 128), slice(188, 252), slice(0, 9)), [0, 1, 1, 3])
     found = ablation.look_at(network, bank, table, np.arange(4), fabric)
-    figures = ablation.figures_of(found, ablation.THRESHOLDS.index(0.5))
+    figures = ablation.figures_of(found, 0.5, 0.5)
     # Right; twice as wide, its surest pixel within the object; elsewhere. The fourth marks what is silent.
     assert figures["strict_IoU"] == pytest.approx((1 + 0.5 + 0) / 3, abs=0.01)
     assert figures["direction"] == pytest.approx(2 / 3, abs=1e-4)
     assert (figures["FP_rate"], figures["category"]) == (1.0, 0.5)
 
 
-def test_the_threshold_weighs_marks_against_false_ones() -> None:
-    count = len(ablation.THRESHOLDS)
-    iou, marked = np.full((count, 4), 0.4), np.ones((count, 4), bool)
-    iou[3:, :2], marked[3:, 2:] = 0.3, False
+def test_the_rule_weighs_marks_against_false_ones() -> None:
+    from baselines.listener.calibration import SHARES
+
+    peak = np.array([0.9, 0.9, 0.55, 0.65])  # two that show what sounds, two that do not
+    iou = np.zeros((4, len(SHARES)))
+    iou[:2, SHARES.index(0.4)] = 0.3
     yes, no = np.ones(4, bool), np.zeros(4, bool)
-    found = ablation.ScoredFrames(iou, marked, np.array([True, True, False, False]), no, yes, no)
-    assert ablation.best_threshold(found) == 3
-    assert ablation.figures_of(found, 3) == {"strict_IoU": 0.3, "FP_rate": 0.0, "direction": 0.0, "category": 0.0}
+    found = ablation.ScoredFrames(peak, iou, np.array([True, True, False, False]), no, yes, no)
+    assert ablation.rule_for(found) == (0.7, 0.4)
+    assert ablation.figures_of(found, 0.7, 0.4) == {
+        "strict_IoU": 0.3, "FP_rate": 0.0, "direction": 0.0, "category": 0.0,
+    }  # fmt: skip
+    assert ablation.figures_of(found, 0.6, 0.4)["FP_rate"] == 0.5
 
 
 # ---- results
