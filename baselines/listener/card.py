@@ -12,11 +12,15 @@ import torch
 
 from avs3d_bench import __version__
 from avs3d_bench.commands.outputs import Signature, check_replaceable
+from avs3d_bench.contract.schema import unique_attributions
 from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.exports.observation_tar import read_head
+from avs3d_bench.exports.shard_files import list_shards
 from avs3d_bench.exports.shards import SHARDS_JSON
 from avs3d_bench.formats import media
 from avs3d_bench.formats.files import atomic_path, write_json
+from avs3d_bench.runtime.parallel import process_each
 from baselines.listener.batches import split_homes
 from baselines.listener.checkpoint import Settings
 from baselines.listener.masks import marked_where
@@ -33,6 +37,8 @@ _OWN = {
     CARD_MD: Signature(start=b"# avs3d listener, version "),
 }
 LICENCE = "Apache-2.0"
+#: Author of what is synthesised or procedural.
+OWN_AUTHOR = "avs3d-bench"
 
 
 @dataclass(frozen=True)
@@ -98,6 +104,7 @@ def write_result(
             "sounds": len(table.keys),
             "training_homes": len(training),
             "validation_homes": sorted(kept),
+            "assets": _assets_of_others(data),
         },
         "training": {
             "command": " ".join(["avs3d", *sys.argv[1:]]),
@@ -136,6 +143,16 @@ def _origin(data: Path | None, manifest: Path | None) -> dict[str, str | None]:
     }
 
 
+def _assets_of_others(data: Path | None) -> list[dict[str, str]] | None:
+    """What others made of what is seen and heard in shards of `avs3d generate`; None of other shards."""
+    try:
+        heads = process_each(read_head, [shard.path for shard in list_shards(data)] if data else [])
+        found = [each for _, (record, _) in heads for each in record.attributions]
+    except Avs3dError:
+        return None
+    return [each.model_dump() for each in unique_attributions(found) if each.author != OWN_AUTHOR]
+
+
 def check_folder(folder: Path) -> None:
     """Refuse a folder in which a finished run would replace files that no run has written.
 
@@ -161,6 +178,8 @@ def markdown(card: dict[str, Any]) -> str:
     data, training, weights, warm = card["data"], card["training"], card["weights"], card["calibration"]
     manifest = f"{data['manifest']}, sha256 `{data['manifest_sha256']}`" if data["manifest_sha256"] else "not named"
     shares = ", ".join(f"{name} {value:.1%}" for name, value in training["shares_of_sounds"].items())
+    others = data.get("assets")
+    credited = "not known" if others is None else "; ".join(map(_credit, others)) or "none"
     figures = "\n".join(
         f"| {name} | {'-' if value is None else f'{value:.3f}'} |" for name, value in card["validation"].items()
     )
@@ -173,6 +192,7 @@ Marks what sounds in a picture, given one second of binaural sound. Categories: 
 - Data: {data["sounds"]:,} sounds of {data["pictures"]:,} pictures; {data["training_homes"]} homes were trained
   on, {len(data["validation_homes"])} kept for validation.
   Manifest: {manifest}. Shards: sha256 `{data["shards_sha256"]}`.
+- Recordings and models by others in the data: {credited}.
 - Command: `{training["command"]}`
 - Seed {training["seed"]}, {training["steps"]:,} steps of {training["batch_per_device"]} sounds a device; the first
   {training["picture_steps"]:,} of them were of as many parts of pictures, without sound.
@@ -192,3 +212,7 @@ Validation, on homes that were not trained on:
 
 Trained on generated homes, objects and sounds alone: real rooms, other categories and other heads are untested.
 """
+
+
+def _credit(asset: dict[str, str]) -> str:
+    return f"{asset['asset']} by {asset['author']} ({asset['name']}, {asset['source']})"

@@ -86,20 +86,13 @@ def describe_dataset(
         found: of each observation that is there its record and the sha256 of its observation.json, sorted by key.
         software: what made the observations.
     """
-    entries, attributions = [], []
+    entries: list[DatasetEntry] = []
+    attributions: list[AttributionRecord] = []
     backends: dict[str, str] = {}
     for record, digest in found:
         entries.append(DatasetEntry.of(record, digest))
         backends |= dict(record.made_with)
-        used = [(instance.asset, instance.licence) for instance in record.instances]
-        if record.sound is not None:
-            used.append((record.sound.asset, record.sound.licence))
-        used += [(source.asset, source.licence) for source in record.sources or ()]
-        directivities = [source.directivity for source in record.sound_sources]
-        used += [(each.name, each.licence) for each in directivities if each is not None and each.licence is not None]
-        attributions += [AttributionRecord(asset=asset, **licence.model_dump()) for asset, licence in used]
-        if record.acoustics.hrtf is not None:
-            attributions.append(record.acoustics.hrtf.attribution)
+        attributions += record.attributions
     if not entries:
         return None
     return _record(source, entries, [*attributions, *_of_scans(source)], backends, software)

@@ -18,6 +18,7 @@ import pytest
 from click.testing import CliRunner
 
 from avs3d_bench.contract.taxonomy import CATEGORIES
+from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports import write_webdataset
 from tests.support.needs import need
@@ -30,7 +31,7 @@ from baselines.listener.batches import COUNTERFACTUAL, SOUNDS, UNKNOWN, Sampler,
 from baselines.listener.checkpoint import CHECKPOINT, Settings, new_state  # noqa: E402
 from baselines.listener.model import CLASSES, Listener, hear, match_map, parameter_count  # noqa: E402
 from baselines.listener.steps import Schedule  # noqa: E402
-from tests.support import tiny_scenes  # noqa: E402
+from tests.support import tiny, tiny_scenes  # noqa: E402
 from tests.support.tiny_listener import SMALL  # noqa: E402
 
 torch.set_num_threads(1)
@@ -671,6 +672,29 @@ def test_the_command_trains_and_writes_weights_and_card(
     text = (tmp_path / "run" / "model_card.md").read_text()
     assert card["data"]["shards_sha256"] in text
     assert "Apache-2.0" in text
+    assert "by others in the data: not known" in text  # of shards that were exported
+
+
+def test_the_card_credits_who_made_recordings_and_models(tmp_path: Path) -> None:
+    from avs3d_bench.exports.observation_tar import RECORD_MEMBER
+    from baselines.listener import card
+
+    root = tiny.write_dataset(tmp_path / "data", frames=2)
+    keys = [observation.key for observation in Dataset(root)]
+    for number, key in enumerate(keys):
+        record = json.loads((root / key / "observation.json").read_text())
+        if number == 0:
+            licence = {"name": "CC-BY-4.0", "author": "Ann Example", "source": "https://example.org/clock"}
+            record["sound"] |= {"asset": "recording:clock", "licence": licence}
+        (tmp_path / "record").write_text(json.dumps(record))
+        (tmp_path / "shards").mkdir(exist_ok=True)
+        with tarfile.open(tmp_path / "shards" / f"test-{number}.tar", "w") as archive:
+            archive.add(tmp_path / "record", RECORD_MEMBER)
+    found = card._assets_of_others(tmp_path / "shards")
+    assert found is not None
+    assert {"asset": "recording:clock", **licence} in found
+    assert "recording:clock by Ann Example (CC-BY-4.0, https://example.org/clock)" in map(card._credit, found)
+    assert not [each for each in found if each["author"] == "avs3d-bench"]
 
 
 def test_shards_for_the_calibration_are_read_before_the_first_step(data: Path, tmp_path: Path) -> None:

@@ -499,6 +499,18 @@ class ObservationRecord(Record):
         return class_ids(self.categories or ())
 
     @property
+    def attributions(self) -> tuple[AttributionRecord, ...]:
+        """Every asset that is seen or heard, with its licence; several times if it is there several times."""
+        used = [(instance.asset, instance.licence) for instance in self.instances]
+        if self.sound is not None:
+            used.append((self.sound.asset, self.sound.licence))
+        used += [(source.asset, source.licence) for source in self.sources or ()]
+        directivities = [source.directivity for source in self.sound_sources]
+        used += [(each.name, each.licence) for each in directivities if each is not None and each.licence is not None]
+        found = [AttributionRecord(asset=asset, **licence.model_dump()) for asset, licence in used]
+        return tuple(found if self.acoustics.hrtf is None else [*found, self.acoustics.hrtf.attribution])
+
+    @property
     def sound_sources(self) -> tuple[SourceRecord, ...]:
         """The sources of an observation of any part; in part_1 and part_2 one that sounds all the time.
 
