@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.nn.functional import affine_grid, grid_sample
+from torch.nn.functional import affine_grid, avg_pool2d, grid_sample
 
 from baselines.listener.batches import BatchPlan, SoundKind
 from baselines.listener.model import CLASSES
@@ -42,6 +42,8 @@ STORE_SHARE = 0.5
 @dataclass
 class Batch:
     """B pictures with K sounds each, on a device.
+
+    While it is made, pictures, classes and masks have the side that is stored.
 
     Attributes:
         pictures: (B, 3, SIDE, SIDE) float32, 0 to 1.
@@ -123,7 +125,7 @@ class Bank:
             kinds=self.sent(plan.kinds),
         )
         if generator is None:
-            return batch
+            return reduced(batch)
         return augmented(batch, generator, without) if len(batch.sounds) else parts(batch, generator, without)
 
     def _mixed(self, plan: BatchPlan, generator: torch.Generator | None) -> Tensor:
@@ -143,7 +145,8 @@ class Bank:
         return chosen * self.sent(numbers >= 0)[:, None, None]
 
     def _united(self, plan: BatchPlan) -> Tensor:
-        out = torch.zeros(len(plan.truths), SIDE, SIDE, dtype=torch.bool, device=self.device)
+        side = self._tensors["masks"].shape[1]
+        out = torch.zeros(len(plan.truths), side, side, dtype=torch.bool, device=self.device)
         for column in range(plan.truths.shape[1]):
             rows = np.flatnonzero(plan.truths[:, column] >= 0)
             if len(rows):
@@ -153,9 +156,21 @@ class Bank:
 
 
 def unpack(packed: Tensor) -> Tensor:
-    """(B, SIDE, SIDE) bool of masks with eight pixels a byte."""
+    """(B, side, side) bool of masks with eight pixels a byte."""
     shifts = torch.arange(7, -1, -1, device=packed.device, dtype=torch.uint8)
-    return ((packed[..., None] >> shifts) & 1).flatten(-2)[..., :SIDE].bool()
+    return ((packed[..., None] >> shifts) & 1).flatten(-2)[..., : packed.shape[-2]].bool()
+
+
+def reduced(batch: Batch) -> Batch:
+    """Whole pictures at the network's size."""
+    if batch.pictures.shape[-1] <= SIDE:
+        return batch
+    return replace(
+        batch,
+        pictures=avg_pool2d(batch.pictures, 2),
+        classes=batch.classes[..., ::2, ::2],
+        masks=batch.masks[..., ::2, ::2],
+    )
 
 
 def augmented(batch: Batch, generator: torch.Generator, without: Collection[str] = ()) -> Batch:
@@ -221,11 +236,16 @@ def parts(batch: Batch, generator: torch.Generator, without: Collection[str] = (
 
 
 def enlarged(batch: Batch, generator: torch.Generator) -> Batch:
-    """Some pictures show a part of themselves, mostly around an object; what is outside is no longer marked."""
+    """Pictures at the network's size, of which some show a part of themselves, mostly around an object.
+
+    What is outside is no longer marked.
+    """
     count = len(batch.pictures)
     chosen = uniform(generator, count) < ENLARGED
     times = torch.where(chosen, LARGEST ** uniform(generator, count), 1.0)
-    return _shown(batch, 1 / times, (batch.classes > 0).flatten(1).float(), batch.pictures.shape[-1], generator)
+    return _shown(
+        batch, 1 / times, (batch.classes > 0).flatten(1).float(), min(SIDE, batch.pictures.shape[-1]), generator
+    )
 
 
 def _shown(batch: Batch, part: Tensor, weights: Tensor, side: int, generator: torch.Generator) -> Batch:
@@ -257,9 +277,14 @@ def _shown(batch: Batch, part: Tensor, weights: Tensor, side: int, generator: to
         return grid_sample(values.float(), where, mode=how, padding_mode="border", align_corners=False)
 
     per = len(batch.masks) // count
+    pictures = look(batch.pictures, grid, "bilinear")
+    if width > SIDE:
+        # Where pixels are left out, those of a picture half as large: means of four.
+        small = look(avg_pool2d(batch.pictures, 2), grid, "bilinear")
+        pictures = torch.where((part * width > 1.5 * side)[..., None, None], small, pictures)
     return replace(
         batch,
-        pictures=look(batch.pictures, grid, "bilinear"),
+        pictures=pictures,
         classes=look(batch.classes[:, None], grid, "nearest")[:, 0].long(),
         cameras=cameras,
         masks=look(batch.masks[:, None], grid.repeat_interleave(per, 0), "nearest")[:, 0] > 0.5 if per else batch.masks,

@@ -16,11 +16,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import torch
+from cv2 import INTER_LINEAR, resize
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import expit
@@ -28,6 +30,7 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d, binary_cross_entropy_with_logits
 
 from avs3d_bench.contract.taxonomy import CATEGORIES
+from avs3d_bench.runtime.parallel import available_cores
 from baselines.listener.augment import Bank, unpack
 from baselines.listener.masks import Answer, highest, log_odds, marked
 from baselines.listener.predict import BATCH, ListenerMethod
@@ -41,6 +44,8 @@ CHOICES = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 SHARES, _LEAST = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8), 1e-9
 #: Most frames that are looked at, half of them with something that sounds in view, if there are enough.
 MOST_FRAMES = 1536
+#: Cells on a side of a mask by which temperatures are fitted.
+MOST_CELLS = 126
 #: Log-odds are counted in bins of this width, up to this on both sides.
 _WIDTH, _MOST = 0.05, 25.0
 #: Temperatures that are tried lie within this factor of 1, biases within this of 0.
@@ -137,7 +142,9 @@ def calibrate(
     seen = look_at(method, store, balanced(store, views))
     # The bias of pictures with twins is far from that of others (docs/listener-trials.md).
     biased = any(not store.table.keys[sound].startswith("part_3/") for sound in seen.sounds)
-    warm, bias = temperature(seen.masks, seen.shares, seen.weights, biased=biased)
+    every = max(1, seen.masks.shape[-1] // MOST_CELLS)
+    few, true = seen.masks[..., ::every, ::every], seen.shares[..., ::every, ::every]
+    warm, bias = temperature(few, true, seen.weights, biased=biased)
     named, _ = temperature(seen.names, seen.audible, torch.ones_like(seen.weights), biased=False)
     by_rule = rule_figures(method, store, seen, mean_of_looks(seen.masks, warm, bias).cpu().numpy())
     network.train(training)
@@ -178,7 +185,8 @@ def look_at(method: ListenerMethod, store: ShardStore, sounds: NDArray[np.int64]
         with torch.inference_mode():
             found = method.every_look([store.pictures[view] for view in views], clips, cameras, "several")
         for each in found:
-            masks.append(np.stack([answer.mask for answer in each]))
+            finest = max(answer.mask.shape for answer in each)
+            masks.append(np.stack([resize(answer.mask, finest, interpolation=INTER_LINEAR) for answer in each]))
             names.append(log_odds(np.stack([[*answer.audible, answer.unknown] for answer in each])))
     truth = unpack(torch.from_numpy(store.masks[sounds]))
     audible = [[*(name in table.audible[sound] for name in CATEGORIES), table.others[sound]] for sound in sounds]
@@ -249,8 +257,15 @@ def rule_figures(
     truths: NDArray[np.bool_] = unpack(torch.from_numpy(store.masks[seen.sounds])).numpy()
     nothing = np.zeros(0, np.float32)
     pictures = (store.pictures[store.table.view[sound]] for sound in seen.sounds)
-    large = (method.odds(Answer(cells, nothing, nothing), each) for cells, each in zip(odds, pictures, strict=True))
-    peaks, ious = peaks_and_ious(large, truths)
+
+    def one(frame: tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.bool_]]) -> Any:
+        cells, picture, truth = frame
+        return peaks_and_ious([method.odds(Answer(cells, nothing, nothing), picture)], truth[None])
+
+    # Most of the time passes in OpenCV, which lets other threads run.
+    with ThreadPoolExecutor(available_cores()) as pool:
+        found = list(pool.map(one, zip(odds, pictures, truths, strict=True)))
+    peaks, ious = map(np.concatenate, zip(*found, strict=True))
     return figures_of_rules(peaks, ious, np.asarray(truths.any(axis=(1, 2))))
 
 
@@ -268,7 +283,7 @@ def peaks_and_ious(
         peaks[number] = expit(highest(large))
         for place, share in enumerate(SHARES):
             mask = marked(large, _LEAST, share)
-            ious[number, place] = (mask & truth).sum() / max((mask | truth).sum(), 1)
+            ious[number, place] = np.sum(mask & truth) / max(int(np.sum(mask | truth)), 1)
     return peaks, ious
 
 

@@ -35,10 +35,12 @@ from avs3d_bench.formats.files import write_json
 from avs3d_bench.formats.staging import staged_folder
 from avs3d_bench.runtime.parallel import advance, process_each
 
-#: Side of the pictures the network works on (pixels).
+#: Side of the pictures the network works on; of those that are stored where frames are larger, so that parts of them
+#: are sharp (pixels).
 SIDE = 252
+FINE = 2 * SIDE
 #: Changes when the stored arrays do: folders of other versions are written again.
-VERSION = 2
+VERSION = 3
 TABLE = "table.json"
 #: How a table begins, which may be replaced: its fields are sorted.
 _TABLE_SIGNATURE = Signature(start=b'{\n "audible": ')
@@ -66,6 +68,7 @@ class FrameEntry:
         other: whether a sound of no class is heard.
         lateral: lateral angle of the only audible source (rad); NaN if there is none, or several.
         camera: fx, fy, cx, cy as shares of the picture's width and height.
+        width: of the picture (pixels).
         instances: (id, class) of the instances of the seven categories.
         members: name → (offset, size) in the shard.
     """
@@ -77,6 +80,7 @@ class FrameEntry:
     other: bool
     lateral: float
     camera: tuple[float, float, float, float]
+    width: int
     instances: tuple[tuple[int, int], ...]
     members: dict[str, tuple[int, int]]
 
@@ -87,6 +91,7 @@ class ShardTable:
 
     Attributes:
         version: `VERSION`.
+        side: of the stored pictures: `FINE` if a frame is larger than `SIDE`, else that.
         digest: sha256 over the shards' names and sha256.
         keys: of each sound, ``<observation key>/<frame name>``.
         view: of each sound, its picture.
@@ -100,6 +105,7 @@ class ShardTable:
     """
 
     version: int
+    side: int
     digest: str
     keys: list[str]
     view: list[int]
@@ -118,10 +124,10 @@ class ShardStore:
 
     Attributes:
         table: what they hold.
-        pictures: (P, 252, 252, 3) uint8 RGB.
-        classes: (P, 252, 252) uint8: class of the visible instance, 0 none of the seven categories.
+        pictures: (P, side, side, 3) uint8 RGB.
+        classes: (P, side, side) uint8: class of the visible instance, 0 none of the seven categories.
         sounds: (N, 2, 44100) float16.
-        masks: (N, 252, 32) uint8: the mask of what sounds, eight pixels a byte.
+        masks: (N, side, side / 8) uint8: the mask of what sounds, eight pixels a byte.
         marked: (N,) int32: pixels of the mask.
         extents: (P, 7, 2) float32: lowest and highest lateral angle at which a category is visible (rad), NaN if not.
     """
@@ -135,12 +141,12 @@ class ShardStore:
     extents: NDArray[np.float32]
 
 
-def _shapes(views: int, sounds: int) -> dict[str, tuple[tuple[int, ...], Any]]:
+def _shapes(views: int, sounds: int, side: int = SIDE) -> dict[str, tuple[tuple[int, ...], Any]]:
     return {
-        "pictures": ((views, SIDE, SIDE, 3), np.uint8),
-        "classes": ((views, SIDE, SIDE), np.uint8),
+        "pictures": ((views, side, side, 3), np.uint8),
+        "classes": ((views, side, side), np.uint8),
         "sounds": ((sounds, 2, layout.SAMPLE_RATE), np.float16),
-        "masks": ((sounds, SIDE, math.ceil(SIDE / 8)), np.uint8),
+        "masks": ((sounds, side, math.ceil(side / 8)), np.uint8),
         "marked": ((sounds,), np.int32),
         "extents": ((views, len(CATEGORIES), 2), np.float32),
     }
@@ -208,6 +214,7 @@ def _entry(path: Path, key: str, members: dict[str, tuple[int, int]], data: byte
             other=other,
             lateral=lateral,
             camera=(fx / width, fy / height, cx / width, cy / height),
+            width=int(width),
             instances=tuple((i["id"], _CLASS[i["category"]]) for i in facts["instances"] if i["category"] in _CLASS),
             members={name: members[name] for name in _REQUIRED},
         )
@@ -272,7 +279,7 @@ def read_store(
         view = table.view[number]
         jobs.setdefault(path, []).append((number, view if first[view] == number else None, entry))
     with staged_folder(folder, refuse_others) as fresh:
-        for name, (shape, kind) in _shapes(len(table.groups), len(table.keys)).items():
+        for name, (shape, kind) in _shapes(len(table.groups), len(table.keys), table.side).items():
             np.lib.format.open_memmap(fresh / f"{name}.npy", "w+", dtype=kind, shape=shape).flush()
         decode = partial(_decode_shard, fresh)
         sizes = [len(job) for job in jobs.values()]
@@ -328,6 +335,7 @@ def _table(digest: str, entries: Sequence[FrameEntry]) -> tuple[ShardTable, list
     shown = [entries[number] for number in first]
     table = ShardTable(
         version=VERSION,
+        side=FINE if any(entry.width > SIDE for entry in entries) else SIDE,
         digest=digest,
         keys=[entry.key for entry in entries],
         view=[views[entry.group] for entry in entries],
@@ -346,6 +354,7 @@ def _decode_shard(folder: Path, job: tuple[Path, list[tuple[int, int | None, Fra
     """Decode frames of a shard into the arrays; of each sound (its number, its picture if it is read here, entry)."""
     path, frames = job
     arrays = {name: np.load(folder / f"{name}.npy", mmap_mode="r+") for name in _shapes(0, 0)}
+    side = arrays["classes"].shape[1]
     with path.open("rb") as stream:
         for done, (number, view, entry) in enumerate(frames, start=1):
             wanted = [name for name in _REQUIRED if view is not None or name in ("binaural.wav", "mask.png")]
@@ -359,24 +368,24 @@ def _decode_shard(folder: Path, job: tuple[Path, list[tuple[int, int | None, Fra
                 shape = sample["binaural"].shape
                 raise Avs3dError(f"{path}: {entry.key}: sound of shape {shape}, expected (2, {layout.SAMPLE_RATE})")
             arrays["sounds"][number] = sample["binaural"]
-            mask = fit(sample["mask"].astype(np.uint8), cv2.INTER_NEAREST)
+            mask = fit(sample["mask"].astype(np.uint8), side, cv2.INTER_NEAREST)
             arrays["masks"][number], arrays["marked"][number] = np.packbits(mask, axis=-1), np.count_nonzero(mask)
             if view is not None:
-                arrays["pictures"][view] = fit(sample["rgb"].transpose(1, 2, 0), cv2.INTER_AREA)
+                arrays["pictures"][view] = fit(sample["rgb"].transpose(1, 2, 0), side, cv2.INTER_AREA)
                 lookup = np.zeros(int(sample["instance_ids"].max()) + 1, np.uint8)
                 for instance, label in entry.instances:
                     if instance < len(lookup):
                         lookup[instance] = label
-                arrays["classes"][view] = fit(lookup[sample["instance_ids"]], cv2.INTER_NEAREST)
+                arrays["classes"][view] = fit(lookup[sample["instance_ids"]], side, cv2.INTER_NEAREST)
                 arrays["extents"][view] = extents(arrays["classes"][view], entry.camera)
             advance(done, len(frames))
 
 
-def fit(pixels: NDArray[np.uint8], how: int) -> NDArray[np.uint8]:
-    """Pixels (H, W[, C]) at the network's size; the field of view stays."""
-    if pixels.shape[:2] == (SIDE, SIDE):
+def fit(pixels: NDArray[np.uint8], side: int, how: int) -> NDArray[np.uint8]:
+    """Pixels (H, W[, C]) as a square of some side; the field of view stays."""
+    if pixels.shape[:2] == (side, side):
         return pixels
-    return np.asarray(cv2.resize(np.ascontiguousarray(pixels), (SIDE, SIDE), interpolation=how), np.uint8)
+    return np.asarray(cv2.resize(np.ascontiguousarray(pixels), (side, side), interpolation=how), np.uint8)
 
 
 def extents(classes: NDArray[np.uint8], camera: Sequence[float]) -> NDArray[np.float32]:

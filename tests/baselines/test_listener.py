@@ -99,12 +99,48 @@ def test_pixels_and_samples_are_those_of_the_frames(data: Path, store: shards.Sh
     sound = store.table.keys.index(f"{tiny_scenes.SECOND}/{frame.name}")
     view = store.table.view[sound]
     np.testing.assert_allclose(store.sounds[sound], frame.audio(), atol=1e-3)
-    np.testing.assert_array_equal(store.pictures[view], shards.fit(frame.rgb(), cv2.INTER_AREA))
-    mask = shards.fit(frame.mask().astype(np.uint8), cv2.INTER_NEAREST)
+    np.testing.assert_array_equal(store.pictures[view], shards.fit(frame.rgb(), shards.SIDE, cv2.INTER_AREA))
+    mask = shards.fit(frame.mask().astype(np.uint8), shards.SIDE, cv2.INTER_NEAREST)
     np.testing.assert_array_equal(augment.unpack(torch.from_numpy(np.asarray(store.masks[sound][None])))[0], mask)
     classes = store.classes[view]
     assert set(np.unique(classes)) <= {0, 1 + CATEGORIES.index("microwave"), 1 + CATEGORIES.index("telephone")}
     assert (classes[mask == 1] == 1 + CATEGORIES.index("microwave")).all()
+
+
+def test_frames_larger_than_the_network_s_pictures_are_stored_twice_as_fine(tmp_path: Path) -> None:
+    tiny_scenes.write_part_3(tmp_path / "set", frames=2, size=600)
+    write_webdataset(tmp_path / "set", tmp_path / "shards")
+    store = shards.read_store(tmp_path / "shards", tmp_path / "cache", workers=1)
+    assert store.pictures.shape[1:] == (shards.FINE, shards.FINE, 3)
+    frame = Dataset(tmp_path / "set")[tiny_scenes.SECOND].frames[1]
+    sound = store.table.keys.index(f"{tiny_scenes.SECOND}/{frame.name}")
+    mask = augment.unpack(torch.from_numpy(np.asarray(store.masks[sound][None])))
+    np.testing.assert_array_equal(mask[0], shards.fit(frame.mask().astype(np.uint8), shards.FINE, cv2.INTER_NEAREST))
+    bank = augment.Bank(store, torch.device("cpu"))
+    plan = validation.view_plan(store.table, store.table.view[sound], [sound])
+    whole = bank.gather(plan, None)
+    assert whole.pictures.shape[-1] == whole.classes.shape[-1] == whole.masks.shape[-1] == shards.SIDE
+    expected = shards.fit(frame.rgb(), shards.SIDE, cv2.INTER_AREA).transpose(2, 0, 1)
+    assert (255 * whole.pictures[0] - torch.from_numpy(expected)).abs().mean() < 0.5
+    again = bank.gather(plan, torch.Generator().manual_seed(0), augment.CHANGES)
+    assert again.pictures.shape[-1] == again.masks.shape[-1] == shards.SIDE
+
+
+def test_parts_of_fine_pictures_are_sharp_and_whole_ones_are_means() -> None:
+    # Columns that alternate: a part of a quarter shows them, a whole picture their mean.
+    fine = (torch.arange(shards.FINE) % 2).float().expand(1, 3, shards.FINE, shards.FINE)
+    nothing = torch.zeros(1, shards.FINE, shards.FINE)
+    batch = augment.Batch(
+        fine, nothing.long(), CAMERA, torch.zeros(1, 2, 8), nothing > 0, torch.zeros(1, 8),
+        torch.ones(1, dtype=torch.bool), torch.zeros(1, dtype=torch.int64),
+    )  # fmt: skip
+    weights = torch.ones(1, shards.FINE**2)
+    spread = []
+    for part in (0.25, 1.0):
+        shown = augment._shown(batch, torch.tensor([part]), weights, 126, torch.Generator().manual_seed(0))
+        spread.append(float(shown.pictures.std()))
+    assert spread[0] > 0.2
+    assert spread[1] < 0.01
 
 
 def test_the_lateral_angle_of_the_only_source_lies_on_its_mask(store: shards.ShardStore) -> None:
