@@ -32,12 +32,12 @@ SHARE_test ?= 50
 SHARE_rows ?= 12
 SHARE_best ?= 36
 # Of `avs3d generate` for all parts.
-TRAIN_OPTIONS ?= --size 252 --frames 12
+TRAIN_OPTIONS ?= --size 504 --frames 12
 # After this time a part of the training data is what has been made of it; without a number it is made whole.
 DATA_MINUTES ?=
 # Homes and voices for validation, by which thresholds and temperatures are chosen, and other options of `generate` for it.
 TUNE ?= scenes_manifest/listen-tune.yaml scenes_manifest/marks-tune.yaml
-TUNE_OPTIONS ?= --size 252 --frames 12
+TUNE_OPTIONS ?= --size 504 --frames 12
 # Of each training; the first of them learn what is seen, without sound.
 STEPS ?= 4500
 PICTURE_STEPS ?= 1500
