@@ -103,6 +103,7 @@ $(LISTENER)/decoded.done: $(TRAIN_PARTS:%=$(LISTENER)/train-%.done) $(LISTENER)/
 	@touch $@
 
 $(CARDS): $(LISTENER)/run/seed%/listener.safetensors: $(LISTENER)/decoded.done
+	@mkdir -p $(@D) && ln -sfn $(abspath $(LISTENER)/tune-cache) $(@D)/calibration
 	$(call timed,seed$*,$(call on,$*) $(PYTHON) -m benchmarks.listener_training --data $(SHARDS) --cache $(LISTENER)/train-cache \
 	  --calibrate-on $(LISTENER)/tune -o $(@D) --seed $* --picture-steps $(PICTURE_STEPS) --steps $(STEPS) --manifest $(TRAIN) \
 	  $(if $(filter 0,$(GPUS)),--accelerator cpu) $(TRAIN_LISTENER_OPTIONS) && [ -f $@ ])

@@ -1,4 +1,4 @@
-"""A picture of what fails: the worst and the median observations of the listener's rows, with truth and prediction."""
+"""A picture of what fails: the worst and the median observations of the listener's rows: truth, prediction, sound."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import spectrogram
 
 from avs3d_bench.contract import layout
 from avs3d_bench.contract.scores import ObservationScores, Scores
@@ -22,6 +23,9 @@ SHOWN = ("2d", "spatial")
 WORST, MEDIAN = 4, 2
 #: Side of a picture, height of the line of text, and gap (pixels).
 SIDE, TEXT, GAP = 240, 22, 8
+#: Of a spectrogram: octaves that are shown below half of the sampling rate, level of the brightest colour (re full
+#: scale), and how far below it is black (dB).
+OCTAVES, LOUDEST, RANGE = 8.0, -30.0, 80.0
 #: Quality of the JPEG.
 QUALITY = 85
 
@@ -60,13 +64,27 @@ def typical_frame(frames: Sequence[Frame], masks: Path) -> tuple[Frame, float] |
     return frame, iou
 
 
+def spectrograms(clip: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """(SIDE, SIDE, 3) the left ear above the right: a second from left to right, `OCTAVES` octaves upwards.
+
+    Args:
+        clip: (2, n).
+    """
+    _, _, power = spectrogram(clip, fs=1.0, nperseg=1024, noverlap=768, scaling="spectrum")
+    rows = (power.shape[1] - 1) * 2.0 ** np.linspace(0, -OCTAVES, SIDE // 2)
+    level = 10 * np.log10(power[:, rows.round().astype(int)].reshape(-1, power.shape[-1]) + 1e-20)
+    grey = np.clip(255 * (level - LOUDEST + RANGE) / RANGE, 0, 255).astype(np.uint8)
+    wide = cv2.resize(grey, (SIDE, SIDE), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(cv2.applyColorMap(wide, cv2.COLORMAP_MAGMA)[..., ::-1], np.uint8)
+
+
 def strip(title: str, frame: Frame, mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """A line of text above the frame, the truth and the prediction."""
+    """A line of text above the frame, the truth, the prediction, and what both ears hear."""
     rgb = frame.rgb()
     pictures = [rgb, overlay(rgb, frame.mask()), overlay(rgb, mask)]
     small = [cv2.resize(one, (SIDE, SIDE), interpolation=cv2.INTER_AREA) for one in pictures]
     gap = np.full((SIDE, GAP, 3), 255, np.uint8)
-    row = np.hstack([small[0], gap, small[1], gap, small[2]])
+    row = np.hstack([small[0], gap, small[1], gap, small[2], gap, spectrograms(frame.audio())])
     head = np.full((TEXT, row.shape[1], 3), 255, np.uint8)
     cv2.putText(head, title, (2, TEXT - 7), cv2.FONT_HERSHEY_SIMPLEX, 0.42, (30, 30, 30), 1, cv2.LINE_AA)
     return np.asarray(np.vstack([head, row, np.full((GAP, row.shape[1], 3), 255, np.uint8)]), np.uint8)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 import cv2
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -122,7 +123,15 @@ def test_the_page_has_every_method_the_differences_and_the_pictures(ran: Path) -
     assert "| *deaf all* |" in tables
     assert "(../images/listener-scenes-failures.jpg)" in tables
     picture = cv2.imread(str(ran / "docs/images/listener-scenes-failures.jpg"))
-    assert picture.shape[1] == 3 * listener_failures.SIDE + 4 * listener_failures.GAP
+    assert picture.shape[1] == 4 * listener_failures.SIDE + 5 * listener_failures.GAP
+
+
+def test_a_tone_is_a_line_at_its_octave_in_the_ear_that_hears_it() -> None:
+    tone = 0.1 * np.sin(2 * np.pi * 1378.125 * np.arange(44_100) / 44_100)  # four octaves below half of the rate
+    shown = listener_failures.spectrograms(np.stack([tone, 0 * tone]).astype(np.float32)).sum(axis=2)
+    half = listener_failures.SIDE // 2
+    assert abs(int(shown[:half].sum(axis=1).argmax()) - half / 2) <= 2
+    assert shown[half:].max() < 60 < 300 < shown[:half].max()
 
 
 def test_a_page_without_marks_is_one_line(tmp_path: Path) -> None:
