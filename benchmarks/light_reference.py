@@ -14,7 +14,8 @@ paths. Figures are added to docs/results/light-reference.json under ``--name``. 
 The reference counts all its paths: so does baked light, sunlight by way of a mirror included. `--cut` leaves very
 bright paths out (`without_fireflies`); patches of mirrored sunlight consist of such paths.
 
-``--matte`` makes all materials matte: what is left is matter of the light's transport between matte surfaces alone.
+``--matte`` makes all materials matte and bakes the home again: what is left is matter of the light's transport between
+matte surfaces alone.
 """
 
 from __future__ import annotations
@@ -335,7 +336,7 @@ def prepared_room(key: str, cache: Path, *, matte: bool) -> tuple[Scene, str, tu
         Avs3dError: if the manifest has no such observation.
     """
     from generators.homes.store import open_home
-    from generators.lighting.bake import insert
+    from generators.lighting.bake import bake, insert
     from generators.observation.arrangement import arrange
     from generators.options import GenerateOptions
     from generators.plan import make_plans, read_manifest
@@ -347,8 +348,12 @@ def prepared_room(key: str, cache: Path, *, matte: bool) -> tuple[Scene, str, tu
     home = open_home(plan, cache).for_room(plan.spec.room)
     seen = arrange(plan, home)
     parts = tuple(placed.part(number) for number, placed in enumerate(seen.placements, start=1))
-    lit = insert(home, parts)
-    return with_matte_materials(lit) if matte else lit, plan.spec.room, seen.poses
+    if matte:
+        # What surfaces hand on is baked in: the home is lit again.
+        bare = replace(home, parts=tuple(replace(part, light=None) for part in home.parts))
+        home = bake(with_matte_materials(bare), quality=plan.light).for_room(plan.spec.room)
+        parts = with_matte_materials(replace(home, parts=parts)).parts
+    return insert(home, parts), plan.spec.room, seen.poses
 
 
 def difference_map(view: Comparison) -> NDArray[np.uint8]:

@@ -180,6 +180,9 @@ def sun_light(
 ) -> F32:
     """Light (N, 3) of the sun: the share of rays to it that leave through a window pane.
 
+    Rays start all over a texel and beyond. Those whose start lies behind something, as seen from the texel's middle, do
+    not count: on a narrow window frame they would start in the wall beside it.
+
     Args:
         sun: the sun; ``sun.pane`` refers to the faces of ``tracer``.
         pattern: (N,) int32.
@@ -203,9 +206,8 @@ def sun_light(
     top = np.cross(side, sun.direction)
     disc, jitter = _beam_points(samples)
 
-    def arrivals(texel: NDArray[np.int64], first: int, last: int) -> NDArray[np.int64]:
-        """(n,) how many of the rays ``first`` to ``last`` of each texel arrive (or are lost)."""
-        count = last - first
+    def share_of(texel: NDArray[np.int64], count: int, *, roughly: bool) -> NDArray[np.float64]:
+        """(n,) part of the first ``count`` rays of each texel that arrives (or is lost); ``roughly``: of all starts."""
         origins, directions = (np.empty((len(texel) * count, 3), dtype=np.float32) for _ in range(2))
         _sun_rays(
             pattern[texel],
@@ -215,8 +217,8 @@ def sun_light(
             sun.direction,
             side,
             top,
-            np.ascontiguousarray(disc[:, first:last]),
-            np.ascontiguousarray(jitter[:, first:last]),
+            np.ascontiguousarray(disc[:, :count]),
+            np.ascontiguousarray(jitter[:, :count]),
             origins,
             directions,
         )
@@ -231,19 +233,22 @@ def sun_light(
         if sun.roofs is not None:
             left = rays[found < 0]
             lit[left] = ~through_roof(origins[left], directions[left], sun.roofs)
-        return np.asarray(lit.reshape(len(texel), count).sum(axis=1))
+        valid = np.ones(len(origins), dtype=bool)
+        if not (roughly or sun.bumps):
+            middle = np.repeat(position[texel], count, axis=0)
+            for solid in (tracer, None if lost else objects):
+                if solid is not None:
+                    valid &= ~solid.occluded(middle, origins - middle, np.ones(len(origins), dtype=np.float32))
+        arrived, number = (each.reshape(len(texel), count).sum(axis=1) for each in (lit & valid, valid))
+        return np.asarray(arrived / np.maximum(number, 1))
 
-    number = np.full(len(facing), float(samples))
     if block is None or samples < _LEAST_RAYS:
-        arrived = arrivals(facing, 0, samples)
+        share = share_of(facing, samples, roughly=False)
     else:
-        few = max(samples // 8, 2)
-        arrived = arrivals(facing, 0, few)
+        share = share_of(facing, max(samples // 8, 2), roughly=True)
         group = block[facing] - block[0]
-        some, most = np.bincount(group, arrived), np.bincount(group) * few
-        mixed = ((some > 0) & (some < most))[group]
-        arrived[mixed] += arrivals(facing[mixed], few, samples)
-        number[~mixed] = few
-    share = arrived / number
+        mean = np.bincount(group, share) / np.maximum(np.bincount(group), 1)
+        mixed = ((mean > 0.0) & (mean < 1.0))[group]
+        share[mixed] = share_of(facing[mixed], samples, roughly=False)
     light[facing] = (share * cosine[facing])[:, None] * sun.radiance
     return light

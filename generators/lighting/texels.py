@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from generators.core.jit import inline, njit
 from generators.core.low_discrepancy import pattern_of
 from generators.core.scene import F32, I32
+from generators.lighting.emitters import face_areas
 from generators.lighting.surfaces import LitSurfaces, albedo_at, in_chunks
 from generators.lighting.unwrap import LightMapLayout
 
@@ -79,7 +80,8 @@ class Texels:
         normal: (N, 3) float32 shading normal.
         across: (N, 2, 3) float32, the surface vectors of one texel along columns and rows.
         albedo: (N, 3) float32.
-        area: (N,) float32 of the surface it stands for, square metres; 0 where its centre lies beside the face.
+        area: (N,) float32 of the surface in its square, m². A texel whose centre lies beside the face leaves this to
+            those of the chart whose centre does not, if there are any, and has 0.
     """
 
     cell: NDArray[np.int64]
@@ -109,7 +111,7 @@ def rasterise(surfaces: LitSurfaces, sheet: Sheet, wanted: NDArray[np.bool_] | N
         wanted: (F,) which faces; all if missing.
         workers: threads; the result does not depend on them.
     """
-    nearest, owner, weights = _owners(surfaces, sheet, wanted, workers)
+    nearest, owner, weights, covered = _owners(surfaces, sheet, wanted, workers)
     cell = np.flatnonzero(owner >= 0)
     index = np.full(len(owner), -1, dtype=np.int32)
     index[cell] = np.arange(len(cell), dtype=np.int32)
@@ -118,7 +120,7 @@ def rasterise(surfaces: LitSurfaces, sheet: Sheet, wanted: NDArray[np.bool_] | N
     position, normal = np.zeros((count, 3), dtype=np.float32), np.zeros((count, 3), dtype=np.float32)
     across = np.zeros((count, 2, 3), dtype=np.float32)
     albedo = np.empty((count, 3), dtype=np.float32)
-    area, pattern = np.empty(count, dtype=np.float32), np.empty(count, dtype=np.int32)
+    pattern = np.empty(count, dtype=np.int32)
 
     def properties(first: int, last: int) -> None:
         own = slice(first, last)
@@ -138,8 +140,6 @@ def rasterise(surfaces: LitSurfaces, sheet: Sheet, wanted: NDArray[np.bool_] | N
             normal[own],
             across[own],
         )
-        whole = np.linalg.norm(np.cross(across[own, 0], across[own, 1]), axis=1)
-        area[own] = np.where(nearest[cell[own]] > _ASIDE, 0.0, whole)
 
     in_chunks(properties, count, _CHUNK, workers)
     return Texels(
@@ -151,19 +151,30 @@ def rasterise(surfaces: LitSurfaces, sheet: Sheet, wanted: NDArray[np.bool_] | N
         normal=normal,
         across=across,
         albedo=albedo,
-        area=area,
+        area=_areas(covered[cell], nearest[cell] <= _ASIDE, sheet.chart[face]),
     )
+
+
+def _areas(covered: F32, is_inside: NDArray[np.bool_], chart: I32) -> F32:
+    """(N,) `Texels.area` of texels with ``covered`` (N,) square metres of a ``chart`` (N,) each."""
+    if not len(covered):
+        return covered
+    whole, kept = np.bincount(chart, covered), np.bincount(chart, covered * is_inside)
+    share = np.where(kept > 0, whole / np.maximum(kept, 1e-30), 1.0)
+    return np.where(is_inside | (kept[chart] <= 0), covered * share[chart], 0.0).astype(np.float32)
 
 
 def _owners(
     surfaces: LitSurfaces, sheet: Sheet, wanted: NDArray[np.bool_] | None, workers: int
-) -> tuple[F32, I32, F32]:
-    """Of each cell: squared distance (texels²) to the nearest face, the face it stands for or -1, and where (2)."""
+) -> tuple[F32, I32, F32, F32]:
+    """Of each cell: squared distance (texels²) to the nearest face, the face it stands for or -1, where (2), its m²."""
     cells = int(sheet.offset[-1])
     nearest = np.full(cells, np.inf, dtype=np.float32)
     beside = np.full(cells, np.inf, dtype=np.float32)
     owner = np.full(cells, -1, dtype=np.int32)
     weights = np.zeros((cells, 2), dtype=np.float32)
+    covered, nothing = np.zeros(cells, dtype=np.float32), np.zeros(len(sheet.uv), dtype=np.float32)
+    metres = _texel_areas(surfaces, sheet)
     tight = _is_tight(surfaces, sheet)
     faces = np.flatnonzero(np.ones(len(sheet.uv), dtype=bool) if wanted is None else wanted)
     # Faces are ordered by part, and each part has cells of its own.
@@ -172,12 +183,20 @@ def _owners(
     def cover(first: int, last: int) -> None:
         own = faces[begin[first] : begin[last]]
         maps = sheet.uv, sheet.chart, surfaces.part, sheet.offset, sheet.width, sheet.height
-        _cover(own, *maps, False, nearest, owner, weights)
+        _cover(own, *maps, False, metres, nearest, owner, weights, covered)
         if tight[own].any():
-            _cover(own[~tight[own]], *maps, True, beside, owner, weights)
+            _cover(own[~tight[own]], *maps, True, nothing, beside, owner, weights, covered)
 
     in_chunks(cover, len(sheet.width), 1, workers)
-    return nearest, owner, weights
+    return nearest, owner, weights, covered
+
+
+def _texel_areas(surfaces: LitSurfaces, sheet: Sheet) -> F32:
+    """(F,) square metres of a face to a square texel of its map."""
+    on_map = sheet.uv.astype(np.float64)
+    side, other = on_map[:, 1] - on_map[:, 0], on_map[:, 2] - on_map[:, 0]
+    texels = np.abs(side[:, 0] * other[:, 1] - side[:, 1] * other[:, 0]) / 2
+    return np.where(texels > 1e-9, face_areas(surfaces.triangles) / np.maximum(texels, 1e-9), 0.0).astype(np.float32)
 
 
 def _is_tight(surfaces: LitSurfaces, sheet: Sheet) -> NDArray[np.bool_]:
@@ -222,6 +241,31 @@ def _closest(px: float, py: float, a: Any, b: Any, c: Any) -> Any:
     return vb / total, vc / total
 
 
+@inline
+def _held(t: float) -> float:
+    """Integral from 0 to t of what lies between 0 and 1 of a number."""
+    return 0.0 if t <= 0.0 else (t * t / 2.0 if t < 1.0 else t - 0.5)
+
+
+@njit
+def _cut(corners: Any, x: float, y: float) -> float:
+    """Area of a triangle (3, 2) within the unit square from (x, y): the sum of what lies below its edges there."""
+    total = 0.0
+    for k in range(3):
+        p, q = corners[k], corners[(k + 1) % 3]
+        left, right = max(min(p[0], q[0]), x), min(max(p[0], q[0]), x + 1.0)
+        if right <= left:
+            continue
+        slope = (q[1] - p[1]) / (q[0] - p[0])
+        one, other = p[1] + slope * (left - p[0]) - y, p[1] + slope * (right - p[0]) - y
+        if abs(other - one) < 1e-6:
+            height = min(max((one + other) / 2.0, 0.0), 1.0)
+        else:
+            height = (_held(other) - _held(one)) / (other - one)
+        total += height * (right - left) if q[0] > p[0] else height * (left - right)
+    return abs(total)
+
+
 @njit
 def _cover(
     faces: NDArray[np.intp],
@@ -232,11 +276,16 @@ def _cover(
     width: NDArray[np.int64],
     height: NDArray[np.int64],
     again: bool,
+    metres: F32,
     nearest: F32,
     owner: I32,
     weights: F32,
+    covered: F32,
 ) -> None:
-    """Give cells to the nearest of some faces; ``again``: only those that a face of the same chart has."""
+    """Give cells to the nearest of some faces; ``again``: only those that a face of the same chart has.
+
+    What lies of a face in a cell, in texels, times its ``metres`` (F,) is added to ``covered``.
+    """
     for f in faces:
         p = part[f]
         a, b, c = uv[f, 0], uv[f, 1], uv[f, 2]
@@ -253,6 +302,8 @@ def _cover(
                     continue
                 distance = dx * dx + dy * dy
                 cell = offset[p] + y * width[p] + x
+                if distance < 0.5 and metres[f] > 0.0:
+                    covered[cell] += _cut(uv[f], x, y) * metres[f]
                 if again and (owner[cell] < 0 or chart[owner[cell]] != chart[f]):
                     continue
                 if distance < nearest[cell]:

@@ -14,6 +14,7 @@ from generators.core.rays import Tracer
 from generators.core.scene import LightMap, Material, Mesh, Part, Room, Scene, Texture
 from generators.core.tone import develop, inverse_tone_curve, srgb_decode, tone_curve
 from generators.lighting.bake import QUALITIES, bake, insert
+from generators.lighting.emitters import face_areas
 from generators.lighting.sun import find_sun, sun_light
 from generators.lighting.surfaces import LitSurfaces
 from generators.lighting.texels import Sheet, rasterise
@@ -170,6 +171,17 @@ def test_light_of_bright_patches_is_not_lost() -> None:
     assert absorbed == pytest.approx(10.0 * 1.2 * 1.2, rel=0.01)
 
 
+def test_a_narrow_bright_board_sends_no_more_than_it_gets() -> None:
+    # A strip of lamp over a board four texels wide, in a black room.
+    low, high = [(x, 0.44, z) for x, z in [(1.4, 1.53), (2.0, 1.53), (2.0, 1.47), (1.4, 1.47)]], 0.5
+    board = MeshBuilder().quad(low, matte(0.8)).build()
+    lamp = MeshBuilder().quad([(x, high, z) for x, _, z in low[::-1]], LAMP).build()
+    baked = bake(scene_of(box_room(matte(0.0)).build(), board, lamp), quality="standard")
+    room, own, front = (samples(part, 100000)[2][:, 0].mean() for part in baked.parts)
+    absorbed = room * area_of(baked.parts[0].mesh) + (0.2 * own + front) * 0.06 * 0.6
+    assert absorbed == pytest.approx(8.0 * 0.06 * 0.6, rel=0.03)
+
+
 def test_bounces_go_on_although_one_place_is_very_bright() -> None:
     # A small lamp above the floor: the place below it is some hundred times as bright as the mean.
     lamp = Material("lamp", "plastic", (0.0, 0.0, 0.0), emission=(100.0, 100.0, 100.0))
@@ -184,11 +196,15 @@ def test_bounces_go_on_although_one_place_is_very_bright() -> None:
     assert absorbed == pytest.approx(100.0 * 0.1 * 0.1, rel=0.04)
 
 
-def test_texels_stand_for_the_whole_surface() -> None:
-    part = Part("room", box_room(matte(0.5)).build())
-    surfaces = LitSurfaces.of([part])
-    texels = rasterise(surfaces, Sheet.of([unwrap(part.mesh.positions, 0.04, normals=part.mesh.normals)]))
-    assert texels.area.sum() == pytest.approx(area_of(part.mesh), rel=0.03)
+def test_texels_stand_for_the_surface_in_their_square() -> None:
+    # The sides of a chart run through the middles of texels: of a board four texels wide, five lie side by side.
+    board = MeshBuilder().quad([(0, 0, 0), (0, 0, 1.2), (0.16, 0, 1.2), (0.16, 0, 0)], matte(0.5)).build()
+    for mesh in (box_room(matte(0.5)).build(), board, MeshBuilder().sphere(0.1, (0, 0, 0), matte(0.5)).build()):
+        surfaces = LitSurfaces.of([Part("part", mesh)])
+        sheet = Sheet.of([unwrap(mesh.positions, 0.04, normals=mesh.normals)])
+        texels = rasterise(surfaces, sheet)
+        faces = np.bincount(sheet.chart, face_areas(mesh.positions))
+        assert np.bincount(sheet.chart[texels.face], texels.area) == pytest.approx(faces, rel=1e-4)
 
 
 def test_colour_bleeds() -> None:

@@ -245,6 +245,22 @@ def test_the_edge_of_the_sun_is_the_same_with_and_without_blocks() -> None:
     assert np.abs(whole - saved).mean() < 0.001
 
 
+def test_a_narrow_gap_between_walls_gets_the_whole_sun() -> None:
+    # It is one and a half texels wide, and the rays of a texel start over two.
+    roof = MeshBuilder().quad([(-1.0, 1.0, -1.0), (1.0, 1.0, -1.0), (1.0, 1.0, 1.0), (-1.0, 1.0, 1.0)], GREY)
+    for side in (-1, 1):
+        roof.box((0.5, 0.02, 2.0), (side * (0.25 + 0.75 * STEP), 0.01, 0.0), GREY)
+    surfaces = LitSurfaces.of([Part("roof", roof.build())])
+    pane = np.arange(len(surfaces.triangles)) < 2
+    sun = Sun(np.array([0.0, 1.0, 0.001]), np.ones(3, dtype=np.float32), pane)
+    middle = np.tile(np.array([0.0, 0.001, 0.0], dtype=np.float32), (16, 1))
+    up = np.tile(np.array([0.0, 1.0, 0.0], dtype=np.float32), (16, 1))
+    across = np.tile(np.array([[STEP, 0, 0], [0, 0, STEP]], dtype=np.float32), (16, 1, 1))
+    given = (sun, np.arange(16, dtype=np.int32), middle, up, across, Tracer(surfaces.triangles), 32)
+    assert sun_light(*given) == pytest.approx(1.0, abs=0.01)
+    assert sun_light(*given, block=np.zeros(16, dtype=np.int64)) == pytest.approx(1.0, abs=0.01)
+
+
 def plain(mesh: Mesh, texel: float) -> tuple[LitSurfaces, Sheet, Texels]:
     surfaces = LitSurfaces.of([Part("plain", mesh)])
     sheet = Sheet.of([unwrap(mesh.positions, texel)])
