@@ -363,6 +363,28 @@ def test_insertion_darkens_near_and_leaves_far_texels_alone(lit: Scene) -> None:
     assert placed.parts[1].light is lit.parts[1].light
 
 
+def test_a_shadow_that_meets_the_edge_of_the_sun_is_no_darker_than_the_room() -> None:
+    lit = bake(window_room(), quality="preview")
+    surfaces = LitSurfaces.of(lit.parts)
+    sun = find_sun(lit.name, surfaces, Tracer(surfaces.triangles))
+    assert sun is not None
+    d = sun.direction
+    x, z = 2.0 - 1.6 / d[1] * d[0], -1.6 / d[1] * d[2]  # the middle of the patch on the floor
+    placed = insert(lit, (new_object(x, z),))
+    points, normals, old = samples(lit.parts[0], 120_000)
+    new = samples(placed.parts[0], 120_000)[2]
+    way = points[:, 1] / d[1]
+    at = points - way[:, None] * d  # on the floor, along the rays of the sun
+    gap = np.linalg.norm(np.maximum(np.abs(points - (x, 0.25, z)) - (0.2, 0.25, 0.2), 0), axis=1)
+    floor = (normals[:, 1] > 0.9) & (gap > 0.15)
+    around = floor & (np.hypot(at[:, 0] - x, at[:, 2] - z) < 1.5)
+    beam = sun.radiance.mean() * d[1]
+    dim = np.median(old[around & (old.mean(axis=1) < 0.3 * beam)].mean(axis=1))
+    taken = around & (new.mean(axis=1) < old.mean(axis=1) - 0.1 * beam)
+    assert taken.sum() > 500
+    assert new[taken].mean(axis=1).min() > 0.5 * dim
+
+
 def test_inserted_light_agrees_with_a_bake_of_the_whole(furnished: Scene, lit: Scene) -> None:
     part = new_object(3.0, 2.0)
     whole = bake(furnished.with_parts((part,)), quality="standard")
