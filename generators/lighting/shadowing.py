@@ -211,8 +211,8 @@ def _lost_light(room: Surroundings, objects: Objects, distance: F32, cells: F32)
 def _in_proportion(base: LitScene, texels: Texels, sunny: NDArray[np.int64], taken: F32, arriving: F32) -> F32:
     """Sunlight (n, 3) that objects take from texels: of what their map has, the share of the rays that they stop.
 
-    The map is smoothed, so that beside the edge of a patch it has less or more than the rays bring: what they take, taken
-    as it is, would leave dark dots.
+    The map is smoothed, so that beside the edge of a patch it has less or more than the rays bring: what they bring,
+    taken as it is, would leave dark dots.
 
     Args:
         base: the room without the objects.
