@@ -74,7 +74,12 @@ NOT_COUNTED = {
     "generators.library",
 }
 #: The same of one result. The listener reads shards for its training; its masks come from datasets.
-_SHARDS = {"avs3d_bench.exports", "avs3d_bench.exports.shard_files", "avs3d_bench.exports.shards"}
+_SHARDS = {
+    "avs3d_bench.exports",
+    "avs3d_bench.exports.observation_tar",
+    "avs3d_bench.exports.shard_files",
+    "avs3d_bench.exports.shards",
+}
 ALSO_NOT_COUNTED = {
     "home": {"avs3d_bench.runtime.user_path"},
     "scores": {"avs3d_bench.contract.score_frames"},

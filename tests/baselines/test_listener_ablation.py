@@ -26,7 +26,7 @@ def store(keys: list[str], views: list[int]) -> ShardStore:
     """Sounds whose numbers are their values, of pictures whose numbers are theirs."""
     count, shown = len(keys), max(views) + 1
     table = ShardTable(
-        version=VERSION, digest="d", keys=keys, view=views, audible=[[f"{n}"] for n in range(count)],
+        version=VERSION, side=SIDE, digest="d", keys=keys, view=views, audible=[[f"{n}"] for n in range(count)],
         others=[False] * count, lateral=[float(n) for n in range(count)], groups=[f"g{n}" for n in range(shown)],
         homes=[f"h{n}" for n in range(shown)], cameras=[[0.5] * 4] * shown, present=[[]] * shown,
     )  # fmt: skip
