@@ -22,7 +22,7 @@ from generators.lighting.lit_scene import OUTSIDE, LitScene
 from generators.lighting.scan_shadow import beyond_bumps, displayed, received, scaled_distance
 from generators.lighting.scan_sun import BUMPS
 from generators.lighting.smoothing import fill, smooth
-from generators.lighting.sun import sun_light
+from generators.lighting.sun import Sun, sun_light
 from generators.lighting.surfaces import in_chunks
 from generators.lighting.surroundings import RAYS, SAMPLES, WORKERS, Objects, Surroundings, behind, nearest_box
 from generators.lighting.texels import Texels
@@ -137,7 +137,7 @@ def _lost_light(room: Surroundings, objects: Objects, distance: F32, cells: F32)
     base, texels = room.lit, room.texels
     count = len(texels)
     table = cosine_directions(RAYS)
-    lost, arriving, taken_beam = (np.zeros((count, 3), dtype=np.float32) for _ in range(3))
+    lost, beam = np.zeros((count, 3), dtype=np.float32), np.zeros((count, 3), dtype=np.float32)
     noise = np.zeros(count, dtype=np.float32)
     known = np.ones(count, dtype=bool)
     reach = np.asarray(room.reach(objects).any(axis=0))
@@ -193,8 +193,7 @@ def _lost_light(room: Surroundings, objects: Objects, distance: F32, cells: F32)
         part = sunny[first:last]
         if room.sun is not None:
             at = texels.pattern[part], texels.position[part], texels.normal[part], texels.across[part]
-            taken_beam[part] = sun_light(room.sun, *at, base.tracer, SAMPLES, objects=objects.tracer, lost=True)
-            arriving[part] = sun_light(room.sun, *at, base.tracer, SAMPLES)
+            beam[part] = sun_light(room.sun, *at, base.tracer, SAMPLES, objects=objects.tracer, lost=True)
 
     in_chunks(around, len(near), CHUNK, WORKERS)
     in_chunks(in_sun, len(sunny), CHUNK * 4, WORKERS)
@@ -204,11 +203,12 @@ def _lost_light(room: Surroundings, objects: Objects, distance: F32, cells: F32)
     fade = fade * fade * (3 - 2 * fade)
     # A scan's map holds no light.
     own = sunny[~room.scanned[base.surfaces.part[texels.face[sunny]]]]
-    taken_beam[own] = _in_proportion(base, texels, own, taken_beam, arriving)
-    return lost * fade[:, None] + taken_beam, known
+    if room.sun is not None and beam[own].any():
+        beam[own] = _in_proportion(base, texels, room.sun, own, beam[own])
+    return lost * fade[:, None] + beam, known
 
 
-def _in_proportion(base: LitScene, texels: Texels, sunny: NDArray[np.int64], taken: F32, arriving: F32) -> F32:
+def _in_proportion(base: LitScene, texels: Texels, sun: Sun, sunny: NDArray[np.int64], taken: F32) -> F32:
     """Sunlight (n, 3) that objects take from texels: of what their map has, the share of the rays that they stop.
 
     The map is smoothed, so that beside the edge of a patch it has less or more than the rays bring: what they bring,
@@ -217,13 +217,20 @@ def _in_proportion(base: LitScene, texels: Texels, sunny: NDArray[np.int64], tak
     Args:
         base: the room without the objects.
         texels: of its map.
+        sun: of the room.
         sunny: (n,) which of them may lose sunlight.
-        taken: (N, 3) sunlight of the rays that the objects stop.
-        arriving: (N, 3) that of all rays.
+        taken: (n, 3) sunlight of the rays that the objects stop.
     """
-    has = base.light[texels.cell]
+    has, arriving = base.light[texels.cell], np.zeros((len(texels), 3), dtype=np.float32)
+
+    def arrive(first: int, last: int) -> None:
+        part = sunny[first:last]
+        at = texels.pattern[part], texels.position[part], texels.normal[part], texels.across[part]
+        arriving[part] = sun_light(sun, *at, base.tracer, SAMPLES)
+
+    in_chunks(arrive, len(sunny), CHUNK * 4, WORKERS)
     noise = np.full(len(texels), -1.0, dtype=np.float32)
     noise[sunny] = 1e6  # a mean over all around that are known
-    rest = smooth(base.surfaces, base.sheet, texels, has - arriving, noise, sunny)
-    share = np.minimum(taken[sunny] / np.maximum(arriving[sunny], 1e-6), 1.0)
-    return np.asarray(share * np.maximum(has[sunny] - rest[sunny], 0.0))
+    rest = smooth(base.surfaces, base.sheet, texels, has - arriving, noise, sunny)[sunny]
+    share = np.minimum(taken / np.maximum(arriving[sunny], 1e-6), 1.0)
+    return np.asarray(share * np.maximum(has[sunny] - rest, 0.0))
