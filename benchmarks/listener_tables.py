@@ -3,7 +3,7 @@
     python -m benchmarks.listener_tables data/open-s34-o7 data/open-s34-o7-sh3d data/listen \\
         -o docs/results --work work/listener --device cuda:0 --device cuda:1
     python -m benchmarks.listener_tables … --rows echosegnet --only 'part_2/*' --iterations 7000
-    python -m benchmarks.listener_page docs/results --page docs/listener-results.md
+    python -m benchmarks.listener_page docs/results --page docs/listener.md
 
 Writes ``listener-<dataset>-<row>.json`` for each row, and ``listener-run.json`` with seconds, hardware and settings.
 The label of a dataset is the name of its folder; ``LABEL=FOLDER`` gives another one, for example for the same
