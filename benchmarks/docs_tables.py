@@ -31,6 +31,7 @@ from benchmarks import (
     home_coverage,
     leaderboard_page,
     listener_aims,
+    listener_best,
     listener_page,
     listener_seeds,
     picture_statistics,
@@ -235,6 +236,11 @@ class Results:
         columns = listener_seeds.class_columns(runs)
         titles = [f"{listener_seeds.TESTS[data]}, {listener_seeds.RUNS[run]}" for data, run in columns]
         return text(["figure", *titles], listener_seeds.class_rows(runs))
+
+    def runs(self) -> str:
+        """Validation and calibration of the training seeds."""
+        found = self.json("listener-runs")
+        return text(["figure", *(name.replace("seed", "seed ") for name in found)], listener_best.rows(found))
 
     def sound_controls(self) -> str:
         """The package's answers with another sound in place of their own."""
@@ -471,7 +477,7 @@ def blocks(docs: Path) -> dict[str, list[tuple[str, Callable[[], str]]]]:
             ("speed", lambda: speed(docs / "bench.json")),
         ],
         "docs/light.md": [("rooms", own.light), ("surfaces", own.light_surfaces)],
-        "docs/listener-training.md": [("curve", own.curve)],
+        "docs/listener-training.md": [("curve", own.curve), ("runs", own.runs)],
         "docs/official.md": [("table 2", own.paper_methods), ("table 3", own.paper_thresholds)],
         "docs/export-qa.md": [("qa", own.qa)],
         "docs/protocol-listen.md": [("guesses", own.guesses), ("references", own.references)],

@@ -38,7 +38,7 @@ ANSWERS = {
     "spatial": "EchoSegnet spatial",
 }  # fmt: skip
 #: What runs are called in the docs: name in files (empty: the three seeds) → title.
-RUNS = {"package": "package", "": "three seeds, former rule"}
+RUNS = {"package": "package", "": "three seeds"}
 #: Columns of the summary: title → dataset, part, metric.
 SUMMARY = {
     "test voices, part_1": ("open-s34-o7", "part_1", "strict_IoU"),
