@@ -26,6 +26,7 @@ from avs3d_bench.formats.files import read_json, write_bytes
 from avs3d_bench.formats.media import read_record
 from baselines.references import REFERENCES
 from benchmarks import (
+    ablation_tables,
     bandwidths,
     comparison_power,
     home_coverage,
@@ -425,15 +426,13 @@ class Results:
         return text([f"pair_accuracy: {'SNR' if column == 'background.snr_db' else 'absorption scale'}",
                      *map(shown, values)], rows)  # fmt: skip
 
-    def curve(self) -> str:
-        """The learning curve of the listener."""
-        names = ("class_iou", "category_iou", "iou", "pair_accuracy", "fp_rate")
-        rows = [
-            [str(one["homes"]), f"{one['minutes']:.1f}", *(share(one["validation"][name]) for name in names)]
-            for one in self.json("listener-curve")["points"]
-        ]
-        head = ["homes to learn from", "minutes", "classes of pixels, IoU", "category that is heard, IoU", "what sounds, IoU", "pair accuracy", "marked where nothing sounds in view"]  # fmt: skip # noqa: E501
-        return text(head, rows)
+    def ablation(self) -> str:
+        """What random changes are worth to small networks."""
+        return ablation_tables.summary(self.json("listener-ablation"))
+
+    def curves(self) -> str:
+        """Learning curves of small networks over homes and voices."""
+        return ablation_tables.curves(self.json("listener-ablation"))
 
 
 def speed(bench: Path) -> str:
@@ -477,7 +476,8 @@ def blocks(docs: Path) -> dict[str, list[tuple[str, Callable[[], str]]]]:
             ("speed", lambda: speed(docs / "bench.json")),
         ],
         "docs/light.md": [("rooms", own.light), ("surfaces", own.light_surfaces)],
-        "docs/listener-training.md": [("curve", own.curve), ("runs", own.runs)],
+        "docs/listener-training.md": [("runs", own.runs), ("curves", own.curves)],
+        "docs/listener-trials.md": [("ablation", own.ablation)],
         "docs/official.md": [("table 2", own.paper_methods), ("table 3", own.paper_thresholds)],
         "docs/export-qa.md": [("qa", own.qa)],
         "docs/protocol-listen.md": [("guesses", own.guesses), ("references", own.references)],
