@@ -218,12 +218,14 @@ class Results:
 
     def seeds_strict(self) -> str:
         """Strict IoU of the listener's training seeds."""
-        head = ["sounds, heads, models", "answer", "part", *listener_seeds.RUNS.values()]
+        columns = [f"{part}, {title}" for part in listener_seeds.PARTS for title in listener_seeds.RUNS.values()]
+        head = ["sounds, heads, models", "answer", *columns]
         return text(head, listener_seeds.strict_rows(self.seeds()))
 
     def seeds_listen(self) -> str:
         """Figures of the listener's training seeds under ``listen``."""
-        return text(["figure", "answer", *listener_seeds.RUNS.values()], listener_seeds.listen_rows(self.seeds()))
+        names = [name.replace("_", " ") for name in sound_rows.LISTEN_FIGURES]
+        return text(["answer", "weights", *names], listener_seeds.listen_rows(self.seeds()))
 
     def seeds_categories(self) -> str:
         """Strict IoU of the package by category."""

@@ -8,11 +8,8 @@ from statistics import fmean
 from typing import Any
 
 from avs3d_bench.contract.scores import Scores
-from benchmarks.listener_seeds import cell
+from benchmarks.listener_seeds import PARTS, cell
 from benchmarks.listener_summary import MISSING, share
-
-#: Parts whose losses are compared.
-_PARTS = ("part_1", "part_2")
 
 
 @dataclass(frozen=True)
@@ -44,7 +41,7 @@ class Aim:
             return list(figure["values"]) if figure else []
         if not {self.row, self.usual} <= found.keys():
             return []
-        pairs = [[found[row][part][self.metric]["values"] for row in (self.usual, self.row)] for part in _PARTS]
+        pairs = [[found[row][part][self.metric]["values"] for row in (self.usual, self.row)] for part in PARTS]
         losses = [[a - b for a, b in zip(*pair, strict=True)] for pair in pairs]
         return [max(of_seed) for of_seed in zip(*losses, strict=True)]
 
@@ -60,9 +57,9 @@ _SILENT, _ELSEWHERE = "marked in silence", "marked with sounds of other rooms al
 AIMS = (
     Aim("strict IoU with recordings, part_1", 0.60, f"{_OPEN}-excerpts-2d", "part_1"),
     Aim("… with `spatial`", 0.70, f"{_OPEN}-excerpts-spatial", "part_1"),
-    *(Aim(f"strict IoU with test voices, {part}", 0.75, f"{_OPEN}-2d", part) for part in _PARTS),
-    *(Aim(f"… with `spatial`, {part}", 0.82, f"{_OPEN}-spatial", part) for part in _PARTS),
-    *(Aim(f"models that others made, with `spatial`, {part}", 0.80, f"{_OPEN}-sh3d-spatial", part) for part in _PARTS),
+    *(Aim(f"strict IoU with test voices, {part}", 0.75, f"{_OPEN}-2d", part) for part in PARTS),
+    *(Aim(f"… with `spatial`, {part}", 0.82, f"{_OPEN}-spatial", part) for part in PARTS),
+    *(Aim(f"models that others made, with `spatial`, {part}", 0.80, f"{_OPEN}-sh3d-spatial", part) for part in PARTS),
     Aim("a real room, part_1", 0.65, "open-scans-2d", "part_1"),
     Aim("a real room, part_2", 0.50, "open-scans-2d", "part_2"),
     Aim("pair accuracy of twins", 0.65, "listen-2d", "part_3", "twins"),

@@ -44,7 +44,8 @@ FIGURES = {
 }  # fmt: skip
 #: Rows that are compared, first minus second.
 PAIRS = (
-    ("2d", "no-sound"), ("2d", "wrong-sound"), ("2d", "category"), ("2d", "deaf-all"), ("2d", "deaf-single"),
+    ("2d", "no-sound"), ("2d", "wrong-sound"), ("2d", "swapped-ears"), ("2d", "category"), ("2d", "deaf-all"),
+    ("2d", "deaf-single"), ("direction", "2d"), ("both", "direction"), ("spatial", "direction"),
     ("official", "2d"), ("official", "no-aisrm"), ("spatial", "2d"), ("spatial", "official"), ("spatial", "category"),
 )  # fmt: skip
 #: Figures of the comparisons.

@@ -39,6 +39,8 @@ ANSWERS = {
 }  # fmt: skip
 #: What runs are called in the docs: name in files (empty: the three seeds) → title.
 RUNS = {"package": "package", "": "three seeds, former rule"}
+#: Parts that have strict IoU.
+PARTS = ("part_1", "part_2")
 #: Columns of the summary: title → dataset, part, metric.
 SUMMARY = {
     "test voices, part_1": ("open-s34-o7", "part_1", "strict_IoU"),
@@ -103,27 +105,26 @@ def table(found: dict[str, dict[str, Any]]) -> list[list[str]]:
 
 
 def strict_rows(runs: Mapping[str, Any]) -> list[list[str]]:
-    """Rows of strict IoU for the docs: what sounds, the answer, the part, and a cell for each run.
+    """Rows of strict IoU for the docs: what sounds, the answer, and for each part a cell for each run.
 
     Args:
         runs: name in `RUNS` → what `figures_of` found.
     """
     return [
-        [title, answer, part, *_cells(runs, f"{dataset}-{row}", part, "strict_IoU")]
-        for dataset, title in TESTS.items()
+        [title, answer, *(each for part in PARTS for each in _cells(runs, f"{data}-{row}", part, "strict_IoU"))]
+        for data, title in TESTS.items()
         for row, answer in ANSWERS.items()
-        for part in ("part_1", "part_2")
-        if any(f"{dataset}-{row}" in found for found in runs.values())
+        if any(f"{data}-{row}" in found for found in runs.values())
     ]
 
 
 def listen_rows(runs: Mapping[str, Any]) -> list[list[str]]:
-    """Rows of ``listen`` for the docs: the figure, the answer, and a cell for each run; see `strict_rows`."""
+    """Rows of ``listen`` for the docs: the answer, the run, and a cell for each of `LISTEN_FIGURES`."""
     return [
-        [metric, answer, *_cells(runs, f"listen-{row}", "part_3", metric)]
-        for metric in LISTEN_FIGURES
+        [answer, RUNS[run], *(_cells({run: found}, f"listen-{row}", "part_3", one)[0] for one in LISTEN_FIGURES)]
         for row, answer in ANSWERS.items()
-        if any(f"listen-{row}" in found for found in runs.values())
+        for run, found in runs.items()
+        if f"listen-{row}" in found
     ]
 
 
@@ -161,7 +162,7 @@ def control_rows(found: Mapping[str, Any], data: str = "open-s34-o7") -> list[li
         [
             ANSWERS["2d" if row.answer == "sounding" else row.answer],
             row.setting,
-            *(first(f"{data}-{row.name}", part, "strict_IoU") for part in ("part_1", "part_2")),
+            *(first(f"{data}-{row.name}", part, "strict_IoU") for part in PARTS),
             *(first(f"listen-{row.name}", "part_3", metric) for metric in ("twins", "pair_accuracy", "IoU")),
         ]
         for answer in ("sounding", "direction", "both")
