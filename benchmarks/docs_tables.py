@@ -3,9 +3,9 @@
     python -m benchmarks.docs_tables            # write the pages
     python -m benchmarks.docs_tables --check    # name those that are not current
 
-A table stands between ``<!-- NAME -->`` and ``<!-- end of NAME -->``; `BLOCKS` says which page has which. The pages of
-the listener (`benchmarks.listener_page`), the leaderboard (`benchmarks.leaderboard_page`) and the paper's tables
-(`avs3d tables`) are written as a whole.
+A table stands between ``<!-- NAME -->`` and ``<!-- end of NAME -->``; `blocks` says which page has which. The pages of
+the listener's datasets (`benchmarks.listener_page`), the leaderboard (`benchmarks.leaderboard_page`) and the paper's
+tables (`avs3d tables`) are written as a whole.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from benchmarks import (
     comparison_power,
     home_coverage,
     leaderboard_page,
+    listener_aims,
     listener_page,
     listener_seeds,
     picture_statistics,
@@ -37,7 +38,7 @@ from benchmarks import (
     separability,
     sound_rows,
 )
-from benchmarks.listener_summary import MISSING, share, summary, table
+from benchmarks.listener_summary import MISSING, share, table
 from benchmarks.run import TARGETS
 from evaluators.reporting import table_contents, tables_markdown
 from evaluators.reporting.leaderboard import read_entries
@@ -194,23 +195,41 @@ class Results:
         head = ["category", *(f"{whose}: {one}" for whose in ("recordings", "voices") for one in figures)]
         return text(head, bandwidths.table(self.json("bandwidths")))
 
-    def listener_sounds(self) -> str:
-        """Strict IoU of the listener with sounds of three origins."""
-        rows = sound_rows.sounds_table(self.json("listener-sounds")["sounds"])
-        return text(["what the sources play", "part_1", "part_2"], rows)
+    def seeds(self) -> dict[str, Any]:
+        """Figures of the listener's runs, by names of `listener_seeds.RUNS`."""
+        return {run: self.json("-".join(["listener-seeds", *filter(None, [run])])) for run in listener_seeds.RUNS}
 
-    def seeds(self, runs: Iterable[str] = listener_seeds.RUNS) -> dict[str, Any]:
-        """Figures of the listener's runs, by names of `listener_seeds`."""
-        return {run: self.json("-".join(["listener-seeds", *filter(None, [run])])) for run in runs}
+    def listener_summary(self) -> str:
+        """The listener's answers on voices and recordings, beside what needs no network under ``listen``."""
+        rows = listener_seeds.summary_rows(self.seeds()["package"])
+        guess = self.json("listen-chance")["guesses"]["category, one"]
+        delay = self.json("listen-references")["references"]["gcc-phat"]
+        for title, found in (("guess", guess), ("delay between the ears", delay)):
+            figures = [share(found[name]) for name in ("pair_accuracy", "twins")]
+            rows.append([f"{title}, with perfect masks", *[MISSING] * 4, *figures])
+        return text(["method", *listener_seeds.SUMMARY], rows)
 
-    def seeds_strict(self, titles: Mapping[str, str] = listener_seeds.RUNS) -> str:
+    def listener_aims(self) -> str:
+        """The aims of the listener beside what was measured."""
+        runs = self.seeds()
+        rows = listener_aims.aim_rows(runs["package"], runs[""], self.scores("listener-listen-2d"))
+        return text(["aim", "package", listener_seeds.RUNS[""], ""], rows)
+
+    def seeds_strict(self) -> str:
         """Strict IoU of the listener's training seeds."""
-        head = ["sounds, heads, models", "answer", "part", *titles.values()]
-        return text(head, listener_seeds.strict_rows(self.seeds(titles)))
+        columns = [f"{part}, {title}" for part in listener_seeds.PARTS for title in listener_seeds.RUNS.values()]
+        head = ["sounds, heads, models", "answer", *columns]
+        return text(head, listener_seeds.strict_rows(self.seeds()))
 
-    def seeds_listen(self, titles: Mapping[str, str] = listener_seeds.RUNS) -> str:
+    def seeds_listen(self) -> str:
         """Figures of the listener's training seeds under ``listen``."""
-        return text(["figure", "answer", *titles.values()], listener_seeds.listen_rows(self.seeds(titles)))
+        names = [name.replace("_", " ") for name in sound_rows.LISTEN_FIGURES]
+        return text(["answer", "weights", *names], listener_seeds.listen_rows(self.seeds()))
+
+    def seeds_categories(self) -> str:
+        """Strict IoU of the package by category."""
+        head = ["answer", *(name.replace("_", " ") for name in CATEGORIES)]
+        return text(head, listener_seeds.category_rows(self.seeds()["package"]))
 
     def seeds_classes(self) -> str:
         """What the listener sees, by category, and how sure it is."""
@@ -219,12 +238,10 @@ class Results:
         titles = [f"{listener_seeds.TESTS[data]}, {listener_seeds.RUNS[run]}" for data, run in columns]
         return text(["figure", *titles], listener_seeds.class_rows(runs))
 
-    def sound_controls(self, run: str, tests: Iterable[str] = listener_seeds.FORMER_TESTS) -> str:
-        """The listener with another sound in place of its own."""
-        tests = tuple(tests)
-        titles = [f"{listener_seeds.TESTS[name]}, {part}" for name in tests for part in ("part_1", "part_2")]
-        head = ["`--sound`", *titles, *(f"listen, {name}" for name in ("twins", "all pairs", "IoU"))]
-        return text(head, listener_seeds.control_rows(self.json(f"listener-seeds-{run}"), tests))
+    def sound_controls(self) -> str:
+        """The package's answers with another sound in place of their own."""
+        head = ["answer", "`--sound`", "test voices, part_1", "part_2", *(f"listen, {name}" for name in ("twins", "all pairs", "IoU"))]  # fmt: skip # noqa: E501
+        return text(head, listener_seeds.control_rows(self.seeds()["package"]))
 
     def echosegnet_sounds(self) -> str:
         """EchoSegnet with another sound in place of its own, part_2."""
@@ -449,7 +466,7 @@ def blocks(docs: Path) -> dict[str, list[tuple[str, Callable[[], str]]]]:
     """Page, from the root → its tables in order: name of the block, and what makes it."""
     own = Results(docs / "results")
     return {
-        "README.md": [("results", lambda: summary(own.folder))],
+        "README.md": [("results", own.listener_summary)],
         "docs/comparing.md": [("power", own.power), ("homes", lambda: home_coverage.table(own.json("home-coverage")))],
         "docs/generator.md": [
             ("statistics", lambda: picture_statistics.table(own.json("picture-statistics"))),
@@ -462,17 +479,11 @@ def blocks(docs: Path) -> dict[str, list[tuple[str, Callable[[], str]]]]:
         "docs/protocol-listen.md": [("guesses", own.guesses), ("references", own.references)],
         "docs/receivers.md": [("near sources", near_sources)],
         "docs/results.md": [
-            ("results", lambda: summary(own.folder)), ("training", own.training), ("caps", own.caps),
-            ("methods", own.methods),
+            ("results", own.listener_summary), ("training", own.training), ("caps", own.caps), ("methods", own.methods),
         ],
         "docs/listener.md": [
             ("strict", own.seeds_strict), ("listen", own.seeds_listen), ("classes", own.seeds_classes),
-            ("controls", lambda: own.sound_controls("package", ["open-s34-o7"])),
-        ],
-        "docs/listener-trials.md": [
-            ("former strict", lambda: own.seeds_strict(listener_seeds.FORMER_RUNS)),
-            ("former listen", lambda: own.seeds_listen(listener_seeds.FORMER_RUNS)),
-            ("controls", lambda: own.sound_controls("former")), ("sounds", own.listener_sounds),
+            ("categories", own.seeds_categories), ("controls", own.sound_controls), ("aims", own.listener_aims),
         ],
         "docs/scans.md": [("scans", own.scans)],
         "docs/sounds.md": [
@@ -514,10 +525,10 @@ def texts(root: Path = ROOT) -> dict[Path, str]:
         Avs3dError: if a file of results is missing or broken, or a page has no place for a table.
     """
     docs = root / "docs"
-    found = listener_page.pages(docs / "results", docs / "listener-results.md", docs / "images")
+    found = listener_page.pages(docs / "results", docs / "listener.md", docs / "images")
     found |= paper_tables(docs / "results") | leaderboard_page.pages(docs)
     for name, made in blocks(docs).items():
-        page = (root / name).read_text(encoding="utf-8")
+        page = found.get(root / name) or (root / name).read_text(encoding="utf-8")
         for block, make in made:
             page = listener_page.insert(root / name, page, block, make())
         found[root / name] = page

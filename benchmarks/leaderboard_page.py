@@ -29,7 +29,7 @@ Means are over all parts; the columns `part_1` and `part_2` have the figure that
   ([comparing](comparing.md#differences-between-methods)).
 - Rows without a place are not ranked: references, oracles (their masks are made from the truth), and runs over a part
   of a dataset.
-- What the rows are and which questions they answer: [results](results.md), [the listener](listener-results.md).
+- What the rows are and which questions they answer: [results](results.md), [the listener](listener.md).
 - Rank your own files of scores beside them: `avs3d leaderboard docs/results/listener-*-2d.json mine.json -o board`
   ([how to organise](organise.md)).
 """

@@ -1,9 +1,9 @@
-"""The tables of docs/listener-results.md, from the scores that `benchmarks.listener_tables` wrote.
+"""The pages of datasets in docs/results, from the scores that `benchmarks.listener_tables` wrote.
 
     python -m benchmarks.listener_page SCORES [LABEL=]ROOT… --work DIR --page PAGE
 
 Writes a page for each dataset, ``results/listener-<dataset>.md`` beside PAGE, and replaces what is between the lines
-``<!-- tables -->`` and ``<!-- end of tables -->`` of PAGE: links to them, the summary, times. With the datasets and
+``<!-- tables -->`` and ``<!-- end of tables -->`` of PAGE: links to them, times. With the datasets and
 ``--work`` it draws ``listener-<dataset>-failures.jpg`` as well (`benchmarks.listener_failures`). The pages of docs/
 are written by `benchmarks.docs_tables`, which uses `pages`.
 """
@@ -24,16 +24,9 @@ from avs3d_bench.formats.files import read_json, write_bytes
 from avs3d_bench.formats.media import read_record
 from benchmarks.listener_failures import draw_failures
 from benchmarks.listener_summary import (
-    SCENES,
-    SUMMARY,
-    SUMMARY_ROWS,
-    Pair,
     looks_text,
     settings_lines,
-    summary,
     table,
-    twin_accuracy,
-    twin_pairs,
 )
 from benchmarks.listener_tables import ROWS, RUN_JSON, labelled
 from evaluators.reporting.compare import estimate_text, p_text
@@ -47,11 +40,12 @@ FIGURES = {
     "part_1": ("official.mIoU", "official.F", "strict.IoU", "strict.boundary_F", "strict.FP_rate"),
     "part_2": ("official.mIoU", "official.F", "strict.IoU", "strict.boundary_F", "strict.FP_rate",
                "strict.wrong_instance_rate"),
-    "part_3": ("listen.pair_accuracy", "listen.IoU", "listen.FP_rate", "listen.class_mIoU"),
+    "part_3": ("listen.pair_accuracy", "listen.twins", "listen.IoU", "listen.FP_rate", "listen.class_mIoU"),
 }  # fmt: skip
 #: Rows that are compared, first minus second.
 PAIRS = (
-    ("2d", "no-sound"), ("2d", "wrong-sound"), ("2d", "category"), ("2d", "deaf-all"), ("2d", "deaf-single"),
+    ("2d", "no-sound"), ("2d", "wrong-sound"), ("2d", "swapped-ears"), ("2d", "category"), ("2d", "deaf-all"),
+    ("2d", "deaf-single"), ("direction", "2d"), ("both", "direction"), ("spatial", "direction"),
     ("official", "2d"), ("official", "no-aisrm"), ("spatial", "2d"), ("spatial", "official"), ("spatial", "category"),
 )  # fmt: skip
 #: Figures of the comparisons.
@@ -81,7 +75,6 @@ def part_table(
     found: Mapping[str, Scores],
     *,
     looks: Mapping[str, str] | None = None,
-    twins: frozenset[Pair] = frozenset(),
 ) -> list[str]:
     """The methods of one part, the reference rows, and the paper's own figures.
 
@@ -89,21 +82,15 @@ def part_table(
         part: ``part_1``, ``part_2`` or ``part_3``.
         found: row → its scores.
         looks: row → how often the network looked at a picture, e.g. ``several looks``, where it did.
-        twins: pairs of twins, whose pair accuracy has a column of its own in part_3.
     """
     figures = FIGURES[part]
-    apart = part == "part_3" and bool(twins)
     rows = []
     for name, scores in found.items():
         group = scores.parts.get(part)  # type: ignore[call-overload]
         if group is not None:
             how = f"{looks[name]}, " if looks and name in looks else ""
             title = f"{ROWS[name].title} ({how}n = {group.observations})"
-            values = [value_of(group, figure) for figure in figures]
-            if apart:
-                alone = twin_accuracy(scores, twins)
-                values.insert(1, "–" if alone is None else f"{alone:.3f}")
-            rows.append([title, *values])
+            rows.append([title, *(value_of(group, figure) for figure in figures)])
     if not rows:
         return []
     # Reference rows are those of the observations that were scored: of the file with most of them.
@@ -111,19 +98,13 @@ def part_table(
     for name, groups in widest.references.items():
         values = [value_of(groups.get(part), figure) for figure in figures]
         if any(value != "–" for value in values):
-            rows.append([f"*{name.replace('_', ' ')}*", *_with_gap(values, apart)])
+            rows.append([f"*{name.replace('_', ' ')}*", *values])
     if part in next(iter(TABLE_2.values())):
         for name, parts in TABLE_2.items():
             known = {f"official.{figure}": f"{value:.3f}" for figure, value in parts[part].items()}
             rows.append([f"paper: {name}", *(known.get(figure, "–") for figure in figures)])
-    titles = [_TITLES[figure] for figure in figures]
-    head = ["method", *_with_gap(titles, apart, "… of twins")]
+    head = ["method", *(_TITLES[figure] for figure in figures)]
     return [f"**{part}**, {PART_TITLES[part]}:", "", *table(head, rows)]
-
-
-def _with_gap(values: list[str], apart: bool, between: str = "–") -> list[str]:
-    """Leave a place behind the first value for the pair accuracy of twins."""
-    return [values[0], between, *values[1:]] if apart else values
 
 
 def difference_table(found: Mapping[str, Scores]) -> list[str]:
@@ -161,10 +142,12 @@ def category_table(found: Mapping[str, Scores]) -> list[str]:
     return ["IoU per category, and its number of observations:", "", *table(head, rows)]
 
 
-def time_table(document: Mapping[str, Any]) -> list[str]:
-    """Seconds and hardware of every row."""
+def time_table(document: Mapping[str, Any], output: Path) -> list[str]:
+    """Seconds and hardware of every row whose scores are there."""
     rows = []
     for name, entry in document["rows"].items():
+        if not (output / f"listener-{name}.json").exists():
+            continue
         per_frame = f"{1000 * entry['seconds'] / max(1, entry['frames']):.0f} ms"
         rows.append([name, str(entry["observations"]), str(entry["frames"]), f"{entry['seconds'] / 60:.1f}", per_frame,
                      entry["hardware"]])  # fmt: skip
@@ -191,26 +174,25 @@ def dataset_page(label: str, document: Mapping[str, Any], output: Path, picture:
     data = document["datasets"][label]
     settings = {name: document["rows"].get(f"{label}-{name}", {}).get("settings", {}) for name in found}
     looks = {name: looks_text(made) for name, made in settings.items() if "looks" in made}
-    twins = twin_pairs(data["name"])
     lines = [f"# The listener on {label}", "",
              f"{data['name']} {data['version'] or '(official release)'}, weights with the sha256 "
              f"`{document['weights'][:12]}…`. Written by `make docs-tables`; "
-             f"[the listener's results]({home}) says what the rows are.", ""]  # fmt: skip
-    lines += settings_lines({name: {label: made} for name, made in settings.items()})
+             f"[the listener]({home}) says what the rows are.", ""]  # fmt: skip
+    lines += settings_lines(settings)
     for part in FIGURES:
-        lines += part_table(part, found, looks=looks, twins=twins)
+        lines += part_table(part, found, looks=looks)
     lines += difference_table(found)
     lines += category_table(found)
     if picture is not None:
         lines += [f"![Worst and median observations of {label}]({picture})", ""]
     lines += [f"paper: {CITATION}; measured on {DATASET}. *Slanted*: reference rows. In brackets: 95 % intervals,",
-              "bootstrap over observations, in part_3 over groups of siblings. p: sign-flip permutation test,",
-              "corrected for the compared pairs of a part and figure (Holm)."]  # fmt: skip
+              "bootstrap over homes. p: sign-flip permutation test, corrected for the compared pairs of a part and",
+              "figure (Holm)."]  # fmt: skip
     return "\n".join(lines) + "\n"
 
 
 def page(document: Mapping[str, Any], output: Path, pages: Mapping[str, str]) -> str:
-    """The overview as Markdown: the pages of the datasets, the summary if its scores are there, times.
+    """The overview as Markdown: the pages of the datasets, times.
 
     Args:
         document: the record of the run.
@@ -222,15 +204,7 @@ def page(document: Mapping[str, Any], output: Path, pages: Mapping[str, str]) ->
     """
     lines = ["All figures of a dataset are on its page:", ""]
     lines += [f"- [{label}]({path})" for label, path in pages.items()]
-    if has_summary(document):
-        lines += ["", summary(output)]
-    return "\n".join([*lines, "", "### Time", "", *time_table(document)]).rstrip()
-
-
-def has_summary(document: Mapping[str, Any]) -> bool:
-    """Whether a run has all rows of the summary."""
-    labels = [*dict.fromkeys(dataset for dataset, _ in SUMMARY), SCENES]
-    return all(f"{label}-{name}" in document["rows"] for label in labels for name in SUMMARY_ROWS)
+    return "\n".join([*lines, "", *time_table(document, output)]).rstrip()
 
 
 def pages(output: Path, target: Path, images: Path) -> dict[Path, str]:

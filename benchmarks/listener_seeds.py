@@ -5,16 +5,12 @@ Each folder has the files of `benchmarks.listener_tables` for one seed, and thos
 ``listen`` the pair accuracy by kind of pair: the mean over the seeds, the value of each, and the interval over homes
 of the first seed. ``DATASET-classes`` has what the network sees. `--table` prints the rows as a table.
 
-docs/results/listener-seeds-package.json is of the package's weights, with the rule of masks by a frame's peak;
--former-rule of the same network in the same job, with its first calibration and a threshold. listener-seeds.json is of
-three seeds on the run before, with a threshold; the network of the package is the last of them. -former and
--former-package are the same on the run before that, with its pictures and its rule of direction; of that run are also
--plain, seed 0 without the random changes of version 3, and -old, the package's weights before.
+docs/results/listener-seeds.json is of three seeds, listener-seeds-package.json of the package's weights, one of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from statistics import fmean
 from typing import Any
@@ -26,27 +22,33 @@ from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.formats.files import read_json, write_json
 from avs3d_bench.formats.media import read_record
 from benchmarks.listener_summary import MISSING, share
-from benchmarks.listener_tables import ROWS, RUN_JSON
+from benchmarks.listener_tables import HEARD, ROWS, RUN_JSON
 from benchmarks.sound_rows import LISTEN_FIGURES, row_of
 
 #: Datasets of strict IoU in the docs: its name in files of scores → what differs.
-FORMER_TESTS = {"open-s34-o7": "test voices", "open-s34-o7-excerpts": "recordings", "open-s34-o7-heads": "other heads"}
-TESTS = {**FORMER_TESTS, "open-s34-o7-sh3d": "other models", "open-scans": "a real room"}
+TESTS = {
+    "open-s34-o7": "test voices", "open-s34-o7-excerpts": "recordings", "open-s34-o7-heads": "other heads",
+    "open-s34-o7+soundspaces": "other engine", "open-s34-o7-sh3d": "other models", "open-scans": "a real room",
+}  # fmt: skip
 #: Datasets whose pictures differ, for what the network sees.
 PICTURES = ("open-s34-o7", "open-s34-o7-sh3d", "open-scans")
 #: Rows that need no other sound.
-ANSWERS = {"2d": "network", "direction": "direction", "both": "both"}
-#: What runs are called in the docs: name in files (empty: the three seeds) → title; and those of the run before.
-RUNS = {
-    "package": "package",
-    "former-rule": "the same with the former rule of masks",
-    "": "three seeds, former rule",
-}
-FORMER_RUNS = {
-    "old": "former weights",
-    "former-package": "package",
-    "former": "three seeds",
-    "plain": "without new changes",
+ANSWERS = {
+    "2d": "network", "direction": "direction", "both": "both", "official": "EchoSegnet official",
+    "spatial": "EchoSegnet spatial",
+}  # fmt: skip
+#: What runs are called in the docs: name in files (empty: the three seeds) → title.
+RUNS = {"package": "package", "": "three seeds, former rule"}
+#: Parts that have strict IoU.
+PARTS = ("part_1", "part_2")
+#: Columns of the summary: title → dataset, part, metric.
+SUMMARY = {
+    "test voices, part_1": ("open-s34-o7", "part_1", "strict_IoU"),
+    "test voices, part_2": ("open-s34-o7", "part_2", "strict_IoU"),
+    "recordings, part_1": ("open-s34-o7-excerpts", "part_1", "strict_IoU"),
+    "recordings, part_2": ("open-s34-o7-excerpts", "part_2", "strict_IoU"),
+    "listen, all pairs": ("listen", "part_3", "pair_accuracy"),
+    "listen, twins": ("listen", "part_3", "twins"),
 }
 
 
@@ -103,27 +105,26 @@ def table(found: dict[str, dict[str, Any]]) -> list[list[str]]:
 
 
 def strict_rows(runs: Mapping[str, Any]) -> list[list[str]]:
-    """Rows of strict IoU for the docs: what sounds, the answer, the part, and a cell for each run.
+    """Rows of strict IoU for the docs: what sounds, the answer, and for each part a cell for each run.
 
     Args:
-        runs: name in `RUNS` or `FORMER_RUNS` → what `figures_of` found.
+        runs: name in `RUNS` → what `figures_of` found.
     """
     return [
-        [title, answer, part, *_cells(runs, f"{dataset}-{row}", part, "strict_IoU")]
-        for dataset, title in TESTS.items()
+        [title, answer, *(each for part in PARTS for each in _cells(runs, f"{data}-{row}", part, "strict_IoU"))]
+        for data, title in TESTS.items()
         for row, answer in ANSWERS.items()
-        for part in ("part_1", "part_2")
-        if any(f"{dataset}-{row}" in found for found in runs.values())
+        if any(f"{data}-{row}" in found for found in runs.values())
     ]
 
 
 def listen_rows(runs: Mapping[str, Any]) -> list[list[str]]:
-    """Rows of ``listen`` for the docs: the figure, the answer, and a cell for each run; see `strict_rows`."""
+    """Rows of ``listen`` for the docs: the answer, the run, and a cell for each of `LISTEN_FIGURES`."""
     return [
-        [metric, answer, *_cells(runs, f"listen-{row}", "part_3", metric)]
-        for metric in LISTEN_FIGURES
+        [answer, RUNS[run], *(_cells({run: found}, f"listen-{row}", "part_3", one)[0] for one in LISTEN_FIGURES)]
         for row, answer in ANSWERS.items()
-        if any(f"listen-{row}" in found for found in runs.values())
+        for run, found in runs.items()
+        if f"listen-{row}" in found
     ]
 
 
@@ -151,21 +152,41 @@ def class_rows(runs: Mapping[str, Any]) -> list[list[str]]:
     ]
 
 
-def control_rows(found: Mapping[str, Any], tests: Iterable[str] = FORMER_TESTS) -> list[list[str]]:
-    """Rows of `--sound`, first seed: strict IoU of each of the tests and part; twins, all pairs, IoU of listen."""
+def control_rows(found: Mapping[str, Any], data: str = "open-s34-o7") -> list[list[str]]:
+    """Rows of each answer with each of `--sound`, first seed: strict IoU by part; twins, all pairs, IoU of listen."""
 
     def first(name: str, part: str, metric: str) -> str:
         return share(found[name][part][metric]["values"][0]) if name in found else MISSING
 
     return [
         [
-            "own" if row.name == "2d" else row.setting,
-            *(first(f"{data}-{row.name}", part, "strict_IoU") for data in tests for part in ("part_1", "part_2")),
+            ANSWERS["2d" if row.answer == "sounding" else row.answer],
+            row.setting,
+            *(first(f"{data}-{row.name}", part, "strict_IoU") for part in PARTS),
             *(first(f"listen-{row.name}", "part_3", metric) for metric in ("twins", "pair_accuracy", "IoU")),
         ]
+        for answer in ("sounding", "direction", "both")
         for row in ROWS.values()
-        if row.kind == "listener" and row.answer == "sounding"
+        if row.kind in HEARD and row.answer == answer and {f"{data}-{row.name}", f"listen-{row.name}"} & found.keys()
     ]
+
+
+def category_rows(found: Mapping[str, Any], data: str = "open-s34-o7") -> list[list[str]]:
+    """Rows of strict IoU by category, first seed: the answer, and a cell for each of `CATEGORIES`."""
+    return [
+        [answer, *(share(found[name].get(each, {}).get("strict_IoU", {}).get("mean")) for each in CATEGORIES)]
+        for row, answer in ANSWERS.items()
+        if (name := f"{data}-{row}") in found
+    ]
+
+
+def summary_rows(found: Mapping[str, Any]) -> list[list[str]]:
+    """Rows of the summary: each of `ANSWERS`, and a cell for each of `SUMMARY`."""
+    rows = [
+        [title, *(_cells({"": found}, f"{data}-{row}", part, metric)[0] for data, part, metric in SUMMARY.values())]
+        for row, title in ANSWERS.items()
+    ]
+    return [row for row in rows if set(row[1:]) != {MISSING}]
 
 
 def cell(figure: Mapping[str, Any]) -> str:

@@ -3,7 +3,7 @@
     python -m benchmarks.listener_tables data/open-s34-o7 data/open-s34-o7-sh3d data/listen \\
         -o docs/results --work work/listener --device cuda:0 --device cuda:1
     python -m benchmarks.listener_tables … --rows echosegnet --only 'part_2/*' --iterations 7000
-    python -m benchmarks.listener_page docs/results --page docs/listener-results.md
+    python -m benchmarks.listener_page docs/results --page docs/listener.md
 
 Writes ``listener-<dataset>-<row>.json`` for each row, and ``listener-run.json`` with seconds, hardware and settings.
 The label of a dataset is the name of its folder; ``LABEL=FOLDER`` gives another one, for example for the same
@@ -25,6 +25,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
+import numpy as np
+from numpy.typing import NDArray
 
 from avs3d_bench.contract import layout
 from avs3d_bench.contract.schema import ProvenanceRecord
@@ -181,12 +183,14 @@ class OneLook(ListenerMethod):
 
     kept: dict[tuple[str, str], Answer] = field(default_factory=dict)
 
-    def seen(self, frames: Sequence[Frame]) -> list[Answer]:
+    def seen(self, frames: Sequence[Frame], pictures: Sequence[NDArray[np.uint8]] | None = None) -> list[Answer]:
         """The answers for frames of any observations."""
-        named = {(str(frame.observation.path), frame.name): frame for frame in frames}
-        new = [name for name in named if name not in self.kept]
-        self.kept.update(zip(new, super().seen([named[name] for name in new]), strict=True))
-        return [self.kept[name] for name in named]
+        names = [(str(frame.observation.path), frame.name) for frame in frames]
+        new = [place for place, name in enumerate(names) if name not in self.kept]
+        shown = None if pictures is None else [pictures[place] for place in new]
+        found = super().seen([frames[place] for place in new], shown)
+        self.kept.update(zip([names[place] for place in new], found, strict=True))
+        return [self.kept[name] for name in names]
 
 
 @lru_cache(maxsize=1)

@@ -2,7 +2,7 @@
 
 A row is a name and a file of scores. What is kept: the dataset and its version, the number of observations, strict IoU
 by part and by category, and under ``listen`` the pair accuracy by kind of pair, with their intervals.
-docs/results/listener-sounds.json is such a file.
+docs/results/echosegnet-sounds.json is such a file.
 """
 
 from __future__ import annotations
@@ -43,13 +43,6 @@ def _figures(group: GroupScores) -> dict[str, Any]:
                 title = "strict_IoU" if summary is group.strict else name
                 found[title] = {"value": value, "interval": summary.intervals.get(name)}
     return found
-
-
-def sounds_table(rows: Mapping[str, Any]) -> list[list[str]]:
-    """Rows of strict IoU with what the sources play: part_1, part_2 with intervals."""
-    return [
-        [title, *(with_interval(rows[title][part]["strict_IoU"]) for part in ("part_1", "part_2"))] for title in rows
-    ]
 
 
 def with_interval(figure: Mapping[str, Any]) -> str:

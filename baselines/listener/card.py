@@ -146,7 +146,10 @@ def _origin(data: Path | None, manifest: Path | None) -> dict[str, str | None]:
 def _assets_of_others(data: Path | None) -> list[dict[str, str]] | None:
     """What others made of what is seen and heard in shards of `avs3d generate`; None of other shards."""
     try:
-        heads = process_each(read_head, [shard.path for shard in list_shards(data)] if data else [])
+        shards = list_shards(data) if data else ()
+        # Both shards of an observation have its record.
+        once = [shard.path for shard in shards if shard.split == "test"] or [shard.path for shard in shards]
+        heads = process_each(read_head, once)
         found = [each for _, (record, _) in heads for each in record.attributions]
     except Avs3dError:
         return None

@@ -155,15 +155,21 @@ class ListenerMethod:
             for mask, what, names in zip(*numbers, strict=True)
         ]
 
-    def seen(self, frames: Sequence[Frame]) -> list[Answer]:
-        """The answers for frames of any observations; errors as of `predictions`."""
+    def seen(self, frames: Sequence[Frame], pictures: Sequence[NDArray[np.uint8]] | None = None) -> list[Answer]:
+        """The answers for frames of any observations; errors as of `predictions`.
+
+        Args:
+            frames: with sound.
+            pictures: of the frames, if they are decoded.
+        """
         out: list[Answer] = []
         for start in range(0, len(frames), BATCH):
             part = frames[start : start + BATCH]
             sounds = np.stack([clip_of(frame, self.hearing) for frame in part])
             cameras = np.asarray([camera_of(frame) for frame in part], np.float32)
             with inference(self.device, _where(part[0])):
-                out += self.answers([frame.rgb() for frame in part], sounds, cameras)
+                shown = pictures[start : start + BATCH] if pictures is not None else [frame.rgb() for frame in part]
+                out += self.answers(shown, sounds, cameras)
         return out
 
     def predictions(self, frames: Sequence[Frame], soft: Path | None = None) -> list[Prediction]:
@@ -177,12 +183,15 @@ class ListenerMethod:
             Avs3dError: if a frame has no sound, a file is damaged, or memory runs out.
         """
         out: list[Prediction] = []
-        for frame, answer in zip(frames, self.seen(frames), strict=True):
-            odds = self.odds(answer, frame.rgb())
-            mask = self.marked(odds)
-            if soft is not None:
-                write_soft_mask(soft, frame, odds)
-            out.append(Prediction(mask, class_map(mask, answer) if frame.observation.is_part_3 else None))
+        for start in range(0, len(frames), BATCH):
+            part = frames[start : start + BATCH]
+            pictures = [frame.rgb() for frame in part]
+            for frame, picture, answer in zip(part, pictures, self.seen(part, pictures), strict=True):
+                odds = self.odds(answer, picture)
+                mask = self.marked(odds)
+                if soft is not None:
+                    write_soft_mask(soft, frame, odds)
+                out.append(Prediction(mask, class_map(mask, answer) if frame.observation.is_part_3 else None))
         return out
 
     def mask(self, answer: Answer, picture: NDArray[np.uint8]) -> NDArray[np.bool_]:

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from avs3d_bench.contract import layout
 from avs3d_bench.contract.taxonomy import CATEGORIES
-from avs3d_bench.dataset import Dataset
+from avs3d_bench.dataset import Dataset, Frame
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats import media
 
@@ -256,6 +256,16 @@ def test_predictions_do_not_depend_on_their_neighbours(scenes: Path, saved: Path
         together = model.answers(pictures, sounds, cameras)
         alone = model.answers(pictures[1:2], sounds[1:2], cameras[1:2])
     np.testing.assert_allclose(together[1].mask, alone[0].mask, atol=1e-3)
+
+
+def test_each_picture_is_decoded_once(scenes: Path, saved: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    frames, decoded = Dataset(scenes)[tiny_scenes.FIRST].frames, list[str]()
+    assert len(frames) > predict.BATCH
+    decode = Frame.rgb
+    monkeypatch.setattr(Frame, "rgb", lambda frame: decoded.append(frame.name) or decode(frame))
+    found = predict.load_method(saved, device="cpu").predictions(frames)
+    assert len(found) == len(frames)
+    assert decoded == [frame.name for frame in frames]
 
 
 def looked_at(model: ListenerMethod, size: int, flipped: bool, looks: predict.Looks) -> Answer:

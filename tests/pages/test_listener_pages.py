@@ -1,37 +1,27 @@
-"""What the tables of the listener say besides the figures: pairs of twins, and how rows were made."""
+"""The tables of the listener: how rows were made, figures of seeds, controls, aims."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
-
-import pytest
+from typing import Any
 
 from avs3d_bench.contract.scores import Scores
 from avs3d_bench.formats.files import write_json
-from benchmarks.listener_seeds import cell, class_columns, class_rows, control_rows, figures_of, strict_rows
-from benchmarks.listener_summary import settings_lines, settings_text, twin_accuracy, twin_pairs
+from avs3d_bench.formats.media import read_record
+from benchmarks import listener_aims
+from benchmarks.listener_seeds import (
+    cell,
+    class_columns,
+    class_rows,
+    control_rows,
+    figures_of,
+    strict_rows,
+    summary_rows,
+)
+from benchmarks.listener_summary import settings_lines, settings_text
 
 RESULTS = Path(__file__).parents[2] / "docs/results"
-
-
-def scores(name: str) -> Scores:
-    return Scores.model_validate_json((RESULTS / f"listener-{name}.json").read_bytes())
-
-
-def test_pairs_of_twins_are_siblings_in_which_one_object_of_a_category_sounds_alone() -> None:
-    pairs = twin_pairs("listen")
-    assert pairs
-    assert all(len({key.rpartition("/")[0] for key in pair}) == 1 for pair in pairs)
-    assert twin_pairs("nowhere") == frozenset()
-
-
-def test_the_pair_accuracy_of_some_pairs_is_a_mean_over_groups() -> None:
-    found = scores("listen-2d")
-    every = {frozenset((pair.first, pair.second)) for group in found.siblings or () for pair in group.pairs}
-    assert found.overall.listen is not None
-    assert twin_accuracy(found, every) == pytest.approx(found.overall.listen.pair_accuracy, abs=1e-8)
-    assert twin_accuracy(found, ()) is None
 
 
 def test_settings_that_differ_between_rows_are_said() -> None:
@@ -41,11 +31,10 @@ def test_settings_that_differ_between_rows_are_said() -> None:
     assert settings_text(one) == "one look"
     votes = "at most 300,000 Gaussians, votes above .3 of all votes"
     assert settings_text(many) == f"several looks, 800 iterations, {votes}"
-    lines = settings_lines({"2d": {"a": one, "b": one}, "spatial": {"a": many, "b": {**many, "iterations": 900}}})
-    assert lines[2:-1] == [
+    assert settings_lines({"category": {"only": []}}) == []
+    assert settings_lines({"2d": one, "category": {}, "spatial": many})[2:-1] == [
         "- listener, 2D: one look",
-        f"- listener + EchoSegnet spatial (a): several looks, 800 iterations, {votes}",
-        f"- listener + EchoSegnet spatial (b): several looks, 900 iterations, {votes}",
+        f"- listener + EchoSegnet spatial: several looks, 800 iterations, {votes}",
     ]
 
 
@@ -79,10 +68,40 @@ def test_what_the_network_sees_is_a_column_for_each_run_that_has_it_and_a_dash_w
 def test_a_row_that_a_run_lacks_has_a_dash() -> None:
     figure = {"mean": 0.25, "values": [0.25], "interval": None}
     found = {"open-s34-o7-2d": {part: {"strict_IoU": figure} for part in ("part_1", "part_2")}}
-    assert strict_rows({"package": found, "": {}})[0] == ["test voices", "network", "part_1", ".250", "–"]
-    rows = {row[0]: row[1:] for row in control_rows(found, ["open-s34-o7"])}
-    assert rows["own"] == [".250", ".250", "–", "–", "–"]
-    assert rows["swapped-ears"] == ["–"] * 5
+    assert strict_rows({"package": found, "": {}}) == [["test voices", "network", ".250", "–", ".250", "–"]]
+    assert summary_rows(found) == [["network", ".250", ".250", *["–"] * 4]]
+
+
+def test_controls_are_those_of_each_answer_that_were_measured() -> None:
+    figure = {"mean": 0.25, "values": [0.25], "interval": None}
+    parts = {part: {"strict_IoU": figure} for part in ("part_1", "part_2")}
+    scenes = {"part_3": dict.fromkeys(("twins", "pair_accuracy", "IoU"), figure)}
+    found = {"open-s34-o7-2d": parts, "open-s34-o7-swapped-ears": parts, "listen-direction-no-sound": scenes}
+    assert control_rows(found) == [
+        ["network", "own", ".250", ".250", "–", "–", "–"],
+        ["network", "swapped-ears", ".250", ".250", "–", "–", "–"],
+        ["direction", "none", "–", "–", ".250", ".250", ".250"],
+    ]
+
+
+def test_an_aim_is_met_or_missed_by_the_package_and_a_loss_is_that_of_the_worse_part() -> None:
+    def of(*values: float) -> dict[str, Any]:
+        return {"mean": sum(values) / len(values), "values": [*values], "interval": None}
+
+    usual = {"part_1": {"strict_IoU": of(0.5, 0.7)}, "part_2": {"strict_IoU": of(0.8, 0.6)}}
+    heads = {"part_1": {"strict_IoU": of(0.5, 0.6)}, "part_2": {"strict_IoU": of(0.7, 0.6)}}
+    seeds = {"open-s34-o7-2d": usual, "open-s34-o7-heads-2d": heads}
+    package = {"open-s34-o7-2d": {"part_1": {"strict_IoU": of(0.75)}, "part_2": {"strict_IoU": of(0.7)}}}
+    scenes = read_record(RESULTS / "listener-listen-2d.json", Scores)
+    rows = {row[0]: row[1:] for row in listener_aims.aim_rows(package, seeds, scenes)}
+    assert rows["strict IoU with test voices, part_1 ≥ .75"] == [".750", ".600 (.500–.700)", "met"]
+    assert rows["strict IoU with test voices, part_2 ≥ .75"] == [".700", ".700 (.600–.800)", "missed by .05"]
+    assert rows["loss with other heads ≤ .05"] == ["–", ".100 (.100–.100)", "not measured"]
+    assert rows["class map, IoU of clocks ≥ .65"] == ["–", "–", "not measured"]
+    # The three observations in silence have no category.
+    silent = [one.listen for one in scenes.observations if one.category is None]
+    assert [one and one.FP_rate for one in silent] == [0.0] * 3
+    assert rows["marked in silence ≤ .01"] == [".000", "–", "met"]
 
 
 def test_the_cell_of_one_seed_has_its_interval_over_homes() -> None:
