@@ -29,6 +29,7 @@ SHARE_recorded ?= 10
 SHARE_pathtraced ?= 8
 SHARE_tune ?= 14
 SHARE_test ?= 50
+# SHARE_rows_NAME is that of one test set.
 SHARE_rows ?= 12
 SHARE_best ?= 36
 # Of `avs3d generate` for all parts.
@@ -44,10 +45,13 @@ PICTURE_STEPS ?= 1500
 TRAIN_LISTENER_OPTIONS ?= --validate-every 1600
 # Of the ablation with small networks, which shares the GPUs with the trainings; 0: none.
 ABLATION_MINUTES ?= $(if $(filter 0,$(GPUS)),0,13)
+ABLATION_OPTIONS ?=
 # Test sets: NAME is scenes_manifest/NAME.yaml with the tracer's sound, NAME+ENGINE with another engine's, NAME-heads with heads
-# for tests. MANIFEST_NAME is another file. Those that play recordings or show models of others need these in the store.
+# for tests, NAME-pathtraced with path-traced pictures. MANIFEST_NAME is another file, TEST_OPTIONS_NAME are more options. Those
+# that play recordings or show models of others need these in the store.
 TESTS ?= open-s34-o7 listen open-s34-o7-heads open-s34-o7+soundspaces
 TEST_OPTIONS ?= --size 504 --frames 64
+TEST_DEVICE ?= $(DEVICE)
 # Rows that each seed has, and those of the best seed alone, on these sets.
 ROWS ?= 2d direction both
 BEST_TESTS ?= $(filter open-s34-o7 listen,$(TESTS))
@@ -110,19 +114,22 @@ $(CARDS): $(LISTENER)/run/seed%/listener.safetensors: $(LISTENER)/decoded.done
 
 $(LISTENER)/ablation.done: $(LISTENER)/decoded.done
 	$(if $(filter-out 0,$(ABLATION_MINUTES)),$(call timed,ablation,$(call on,$(words $(SEEDS))) $(PYTHON) -m benchmarks.listener_ablation train \
-	  $(SHARDS) $(LISTENER)/train-cache -o $(LISTENER)/ablation --test 'other homes and voices=$(LISTENER)/tune-cache' --minutes $(ABLATION_MINUTES)))
+	  $(SHARDS) $(LISTENER)/train-cache -o $(LISTENER)/ablation --test 'other homes and voices=$(LISTENER)/tune-cache' --minutes $(ABLATION_MINUTES) $(ABLATION_OPTIONS)))
 	@touch $@
 
-# After the training data: both use all cores. Trainings go first.
-$(LISTENER)/test-%.done: | $(LISTENER)/decoded.done
-	$(call timed,test-$*,nice -n 5 $(AVS3D) generate $(or $(MANIFEST_$*),scenes_manifest/$(patsubst %-heads,%,$(firstword $(subst +, ,$*))).yaml) \
-	  -o $(LISTENER)/tests/$* --audio $(or $(word 2,$(subst +, ,$*)),tracer) --device $(DEVICE) $(if $(filter %-heads,$*),--hrtf family-test) \
-	  --workers $(call share,$(SHARE_test)) $(TEST_OPTIONS))
+# After the training data: both use all cores. Trainings go first. Path tracing takes a GPU, which the training data leaves idle.
+$(filter-out %-pathtraced.done,$(TESTS:%=$(LISTENER)/test-%.done)): | $(LISTENER)/decoded.done
+$(LISTENER)/test-%.done: | $(LISTENER)/kernels.done
+	$(call timed,test-$*,nice -n 5 $(AVS3D) generate \
+	  $(or $(MANIFEST_$*),scenes_manifest/$(patsubst %-pathtraced,%,$(patsubst %-heads,%,$(firstword $(subst +, ,$*)))).yaml) \
+	  -o $(LISTENER)/tests/$* --audio $(or $(word 2,$(subst +, ,$*)),tracer) --device $(TEST_DEVICE) $(if $(filter %-heads,$*),--hrtf family-test) \
+	  $(if $(filter %-pathtraced,$*),--vision pathtraced --workers $(call share,$(SHARE_pathtraced)),--workers $(call share,$(SHARE_test))) \
+	  $(TEST_OPTIONS) $(TEST_OPTIONS_$*))
 	@touch $@
 
 define rows
 $(LISTENER)/rows-$1-$2.done: $(LISTENER)/run/seed$1/listener.safetensors $(LISTENER)/test-$2.done
-	$$(call timed,rows-$1-$2,$$(call on,$1) $$(call tables,$1,$2,$$(ROWS:%=--rows %),$$(SHARE_rows)) && $$(call on,$1) $(PYTHON) -m benchmarks.listener_classes \
+	$$(call timed,rows-$1-$2,$$(call on,$1) $$(call tables,$1,$2,$$(ROWS:%=--rows %),$$(or $$(SHARE_rows_$2),$$(SHARE_rows))) && $$(call on,$1) $(PYTHON) -m benchmarks.listener_classes \
 	  $(LISTENER)/tests/$2 -o $(LISTENER)/scores/seed$1/classes-$2.json --weights $$<)
 	@touch $$@
 endef

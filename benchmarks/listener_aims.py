@@ -22,7 +22,7 @@ class Aim:
         row: dataset and row of the figure.
         group: part, or what `figures_of` has of the class map.
         metric: name of the figure.
-        usual: dataset and row that a loss is against; the larger loss of both parts counts.
+        usual: dataset and row that a loss is against, of as many observations; the larger loss of both parts counts.
         most: whether the limit is the largest value.
     """
 
@@ -40,6 +40,8 @@ class Aim:
             figure = found.get(self.row, {}).get(self.group, {}).get(self.metric)
             return list(figure["values"]) if figure else []
         if not {self.row, self.usual} <= found.keys():
+            return []
+        if found[self.row].get("observations") != found[self.usual].get("observations"):
             return []
         pairs = [[found[row][part][self.metric]["values"] for row in (self.usual, self.row)] for part in PARTS]
         losses = [[a - b for a, b in zip(*pair, strict=True)] for pair in pairs]
@@ -66,6 +68,13 @@ AIMS = (
     Aim("… with `spatial`", 0.88, "listen-spatial", "part_3", "twins"),
     Aim("loss with other heads", 0.05, f"{_OPEN}-heads-2d", usual=f"{_OPEN}-2d", most=True),
     Aim("loss with another engine", 0.05, f"{_OPEN}+soundspaces-2d", usual=f"{_OPEN}-2d", most=True),
+    Aim(
+        "loss with path-traced pictures of all observations",
+        0.05,
+        f"{_OPEN}-pathtraced-2d",
+        usual=f"{_OPEN}-2d",
+        most=True,
+    ),
     Aim("class map, IoU of clocks", 0.65, _SEEN, "classes", "clock"),
     Aim("… of telephones", 0.55, _SEEN, "classes", "telephone"),
     Aim("… of vacuum cleaners", 0.70, _SEEN, "classes", "vacuum_cleaner"),

@@ -3,7 +3,8 @@
 Each folder has the files of `benchmarks.listener_tables` for one seed, and those of `benchmarks.listener_classes` as
 ``classes-DATASET.json``. Of each row and dataset, the file has strict IoU of each part and category, and under
 ``listen`` the pair accuracy by kind of pair: the mean over the seeds, the value of each, and the interval over homes
-of the first seed. ``DATASET-classes`` has what the network sees. `--table` prints the rows as a table.
+of the first seed; and how many observations each has. ``DATASET-classes`` has what the network sees. `--table` prints
+the rows as a table.
 
 docs/results/listener-seeds.json is of three seeds, listener-seeds-package.json of the package's weights, one of them.
 """
@@ -28,7 +29,8 @@ from benchmarks.sound_rows import LISTEN_FIGURES, row_of
 #: Datasets of strict IoU in the docs: its name in files of scores → what differs.
 TESTS = {
     "open-s34-o7": "test voices", "open-s34-o7-excerpts": "recordings", "open-s34-o7-heads": "other heads",
-    "open-s34-o7+soundspaces": "other engine", "open-s34-o7-sh3d": "other models", "open-scans": "a real room",
+    "open-s34-o7+soundspaces": "other engine", "open-s34-o7-pathtraced": "path-traced pictures",
+    "open-s34-o7-sh3d": "other models", "open-scans": "a real room",
 }  # fmt: skip
 #: Datasets whose pictures differ, for what the network sees.
 PICTURES = ("open-s34-o7", "open-s34-o7-sh3d", "open-scans")
@@ -63,7 +65,7 @@ def figures_of(folders: tuple[Path, ...]) -> dict[str, dict[str, Any]]:
             group: {metric: _over([row[group][metric] for row in rows]) for metric in metrics}
             for group, metrics in rows[0].items()
             if isinstance(metrics, dict)
-        }
+        } | {"observations": [row["observations"] for row in rows]}
     for path in sorted(folders[0].glob("classes-*.json")):
         files = [folder / path.name for folder in folders if (folder / path.name).exists()]
         each = [one for file in files for one in read_json(file)["datasets"].values()]

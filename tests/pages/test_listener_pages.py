@@ -97,6 +97,10 @@ def test_an_aim_is_met_or_missed_by_the_package_and_a_loss_is_that_of_the_worse_
     assert rows["strict IoU with test voices, part_1 ≥ .75"] == [".750", ".600 (.500–.700)", "met"]
     assert rows["strict IoU with test voices, part_2 ≥ .75"] == [".700", ".700 (.600–.800)", "missed by .05"]
     assert rows["loss with other heads ≤ .05"] == ["–", ".100 (.100–.100)", "not measured"]
+    heads["observations"] = [33, 34]  # of other observations it is no loss
+    usual["observations"] = [34, 34]
+    again = {row[0]: row[1:] for row in listener_aims.aim_rows(package, seeds, scenes)}
+    assert again["loss with other heads ≤ .05"] == ["–", "–", "not measured"]
     assert rows["class map, IoU of clocks ≥ .65"] == ["–", "–", "not measured"]
     # The three observations in silence have no category.
     silent = [one.listen for one in scenes.observations if one.category is None]

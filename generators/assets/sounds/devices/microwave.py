@@ -143,7 +143,7 @@ def inverter_turntable(count: int, rng: Generator) -> Array:
     power = np.convolve(np.pad(power, 30, mode="edge"), np.full(61, 1 / 61), mode="valid")
     buzz = inverter(count, rng, cycle, nominal, power)
     speed = spin_down(count, rng, held.cooking, rng.uniform(1.0, 3.0))
-    air, tones = shaded_pole_fan(count, rng, speed, nominal, (0.06, 0.14), rng.uniform(800.0, 1600.0))
+    air, tones = shaded_pole_fan(count, rng, speed, nominal, (0.06, 0.14), rng.uniform(450.0, 900.0))
     pitch = rng.uniform(3900.0, 4200.0)
     return np.asarray(
         1.2 * air

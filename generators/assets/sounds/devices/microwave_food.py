@@ -15,6 +15,7 @@ from generators.assets.sounds.devices.microwave_parts import (
     inverter,
     kitchen,
     lamination_noise,
+    louvres,
     mains,
     session,
     shaded_pole_fan,
@@ -189,7 +190,7 @@ def inverter_quiet(count: int, rng: Generator) -> Array:
     turn = np.convolve(np.pad(turn, lag, mode="edge"), np.full(2 * lag + 1, 1.0 / (2 * lag + 1)), mode="valid")
     turns = turns_of(turn * (1.0 + slow(count, rng, 1.0, 0.002)) + 0.05, count, rng.random())
     tones = rotor(turns, {**blades(7, rng, 0.3, 4, 0.5), 4: 0.5, 8: 0.4, 16: 0.2}, rng, 60.0, 0.2, 0.12)
-    air = noise(count, rng, turbulence(rng, rng.uniform(380.0, 800.0), rng.uniform(4.5, 6.5), 3.0, 2.5))
+    air = noise(count, rng, turbulence(rng, rng.uniform(380.0, 800.0), rng.uniform(4.5, 6.5), 3.0, 2.5) + louvres(rng))
     loud = expand((turn / 40.0) ** 2.5, count)
     heat = held.cooking * (1.0 - np.exp(-heated / rng.uniform(15.0, 40.0)))
     lined = sheet_metal(rng, 200.0, 2000.0, 7.0) + slopes([(500.0, 0.0), (4000.0, -12.0), (16_000.0, -26.0)])
@@ -224,7 +225,9 @@ def commercial_twin(count: int, rng: Generator) -> Array:
         transformer(count, rng, cycle + half, nominal, held.cooking, rng.uniform(300.0, 650.0)) for half in (0.0, 0.5)
     ]
     speed = spin_down(count, rng, held.cooking, rng.uniform(2.0, 6.0)) * (1.0 + slow(count, rng, 0.4, 0.002))
-    blow = noise(count, rng, turbulence(rng, rng.uniform(600.0, 1200.0), rng.uniform(3.5, 5.0), 3.0, 2.5))
+    blow = noise(
+        count, rng, turbulence(rng, rng.uniform(600.0, 1200.0), rng.uniform(3.5, 5.0), 3.0, 2.5) + louvres(rng)
+    )
     tones = np.zeros(count, dtype=np.float32)
     wheel = int(rng.integers(11, 18))
     for _ in range(2):
