@@ -26,11 +26,13 @@ from avs3d_bench.formats.files import read_json, write_bytes
 from avs3d_bench.formats.media import read_record
 from baselines.references import REFERENCES
 from benchmarks import (
+    ablation_tables,
     bandwidths,
     comparison_power,
     home_coverage,
     leaderboard_page,
     listener_aims,
+    listener_best,
     listener_page,
     listener_seeds,
     picture_statistics,
@@ -46,6 +48,8 @@ from evaluators.reporting.pages import REFERENCE_TITLES
 from evaluators.reporting.paper import TABLE_2, TABLE_3
 
 ROOT = Path(__file__).parent.parent
+#: In place of a table of rows that the present weights do not have.
+UNMEASURED = "Not measured with the present weights."
 #: Masks of train frames by the oracle, in the names of files and in tables.
 MASKS = {"ambiguous": "category", "sounding": "sounding"}
 #: EchoSegnet, in the names of files and in tables.
@@ -212,7 +216,9 @@ class Results:
     def listener_aims(self) -> str:
         """The aims of the listener beside what was measured."""
         runs = self.seeds()
-        rows = listener_aims.aim_rows(runs["package"], runs[""], self.scores("listener-listen-2d"))
+        listen = "listener-listen-2d"
+        scenes = self.scores(listen) if (self.folder / f"{listen}.json").exists() else None
+        rows = listener_aims.aim_rows(runs["package"], runs[""], scenes)
         return text(["aim", "package", listener_seeds.RUNS[""], ""], rows)
 
     def seeds_strict(self) -> str:
@@ -224,7 +230,8 @@ class Results:
     def seeds_listen(self) -> str:
         """Figures of the listener's training seeds under ``listen``."""
         names = [name.replace("_", " ") for name in sound_rows.LISTEN_FIGURES]
-        return text(["answer", "weights", *names], listener_seeds.listen_rows(self.seeds()))
+        rows = listener_seeds.listen_rows(self.seeds())
+        return text(["answer", "weights", *names], rows) if rows else UNMEASURED
 
     def seeds_categories(self) -> str:
         """Strict IoU of the package by category."""
@@ -238,10 +245,17 @@ class Results:
         titles = [f"{listener_seeds.TESTS[data]}, {listener_seeds.RUNS[run]}" for data, run in columns]
         return text(["figure", *titles], listener_seeds.class_rows(runs))
 
+    def runs(self) -> str:
+        """Validation and calibration of the training seeds."""
+        found = self.json("listener-runs")
+        return text(["figure", *(name.replace("seed", "seed ") for name in found)], listener_best.rows(found))
+
     def sound_controls(self) -> str:
         """The package's answers with another sound in place of their own."""
         head = ["answer", "`--sound`", "test voices, part_1", "part_2", *(f"listen, {name}" for name in ("twins", "all pairs", "IoU"))]  # fmt: skip # noqa: E501
-        return text(head, listener_seeds.control_rows(self.seeds()["package"]))
+        package = self.seeds()["package"]
+        measured = any(row in package for row in ("open-s34-o7-swapped-ears", "listen-swapped-ears"))
+        return text(head, listener_seeds.control_rows(package)) if measured else UNMEASURED
 
     def echosegnet_sounds(self) -> str:
         """EchoSegnet with another sound in place of its own, part_2."""
@@ -421,15 +435,13 @@ class Results:
         return text([f"pair_accuracy: {'SNR' if column == 'background.snr_db' else 'absorption scale'}",
                      *map(shown, values)], rows)  # fmt: skip
 
-    def curve(self) -> str:
-        """The learning curve of the listener."""
-        names = ("class_iou", "category_iou", "iou", "pair_accuracy", "fp_rate")
-        rows = [
-            [str(one["homes"]), f"{one['minutes']:.1f}", *(share(one["validation"][name]) for name in names)]
-            for one in self.json("listener-curve")["points"]
-        ]
-        head = ["homes to learn from", "minutes", "classes of pixels, IoU", "category that is heard, IoU", "what sounds, IoU", "pair accuracy", "marked where nothing sounds in view"]  # fmt: skip # noqa: E501
-        return text(head, rows)
+    def ablation(self) -> str:
+        """What random changes are worth to small networks."""
+        return ablation_tables.summary(self.json("listener-ablation"))
+
+    def curves(self) -> str:
+        """Learning curves of small networks over homes and voices."""
+        return ablation_tables.curves(self.json("listener-ablation"))
 
 
 def speed(bench: Path) -> str:
@@ -473,7 +485,8 @@ def blocks(docs: Path) -> dict[str, list[tuple[str, Callable[[], str]]]]:
             ("speed", lambda: speed(docs / "bench.json")),
         ],
         "docs/light.md": [("rooms", own.light), ("surfaces", own.light_surfaces)],
-        "docs/listener-training.md": [("curve", own.curve)],
+        "docs/listener-training.md": [("runs", own.runs), ("curves", own.curves)],
+        "docs/listener-trials.md": [("ablation", own.ablation)],
         "docs/official.md": [("table 2", own.paper_methods), ("table 3", own.paper_thresholds)],
         "docs/export-qa.md": [("qa", own.qa)],
         "docs/protocol-listen.md": [("guesses", own.guesses), ("references", own.references)],

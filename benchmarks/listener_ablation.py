@@ -12,6 +12,8 @@ share the steps that learn from pictures alone.
 Arms of voices learn from the observations all of whose sounds are among a share of the voices of each category, drawn
 anew for each seed; beside each is one of as many observations of each kind with all voices.
 
+`benchmarks.ablation_tables` has the tables of the docs and the picture of the learning curves.
+
 Scored are the homes that training keeps, half of which choose the threshold, and the sets of ``--test``. Figures are
 means over frames, see `figures_of`.
 """
@@ -44,8 +46,6 @@ from avs3d_bench.formats.files import read_json, write_json
 from avs3d_bench.runtime.parallel import process_each
 from baselines.listener.batches import BatchPlan, SoundKind, split_homes
 from baselines.listener.shards import SIDE, ShardStore, ShardTable, open_store, read_store
-from benchmarks.listener_seeds import cell
-from benchmarks.listener_summary import MISSING, table
 
 #: Figures of a set, see `figures_of`.
 FIGURES = {"strict_IoU": "strict IoU", "FP_rate": "FP rate", "direction": "direction", "category": "category"}
@@ -594,51 +594,6 @@ def _over(values: list[float | None]) -> dict[str, Any] | None:
     return {"mean": round(fmean(known), 4), "values": known, "interval": None} if known else None
 
 
-def table_rows(arms: Mapping[str, Any]) -> list[list[str]]:
-    """Rows of the docs: what is left out, homes and sounds, seeds, and of each set the figures.
-
-    Args:
-        arms: of `collected`.
-    """
-    return [
-        [
-            title,
-            f"{arms[title]['data']['homes']}, {arms[title]['data']['sounds']:,}",
-            str(len(arms[title]["seeds"])),
-            *(text for name, row in arms[title].items() if name not in ("data", "seeds") for text in _cells(row)),
-        ]
-        for title in ARMS
-        if title in arms
-    ]
-
-
-def summary(document: Mapping[str, Any]) -> str:
-    """The table of the docs as Markdown, and the steps of all trainings.
-
-    Args:
-        document: of `collected`.
-    """
-    arms, plan = document["arms"], document["trainings"]
-    sets = [name for name in next(iter(arms.values())) if name not in ("data", "seeds")]
-    columns = ("strict IoU", "change", "direction", "category")
-    head = ["left out", "homes, sounds", "seeds", *(f"{name}: {column}" for name in sets for column in columns)]
-    said = (
-        f"{plan['picture_steps']:,} steps with {plan['batch']} parts of pictures, then {plan['sound_steps']:,} with "
-        f"{plan['batch']} sounds."
-    )
-    return "\n".join([*table(head, table_rows(arms)), said])
-
-
-def _cells(row: Mapping[str, Any]) -> list[str]:
-    """Strict IoU, its change, direction and category: mean, and the range over the seeds."""
-    change = row.get("change")
-    bounds = [change["mean"], min(change["values"]), max(change["values"])] if change else []
-    signed = [f"{value:+.3f}".replace("0.", ".", 1).replace("-", "−") for value in bounds]
-    moved = f"{signed[0]} ({signed[1]} to {signed[2]})" if signed else MISSING
-    figures = [cell(row[name]) if row.get(name) else MISSING for name in ("strict_IoU", "direction", "category")]
-    return [figures[0], moved, *figures[1:]]
-
-
 # ---- commands
 
 
@@ -694,11 +649,12 @@ def train_command(
 @click.argument("work", type=click.Path(exists=True, path_type=Path))
 @click.option("-o", "--output", type=click.Path(path_type=Path), required=True)
 def collect(work: Path, output: Path) -> None:
-    """Write the figures of all trainings that have a result, and print them as a table."""
+    """Write the figures of all trainings that have a result, and print them as tables."""
+    from benchmarks.ablation_tables import curves, summary
+
     found = collected(work)
     write_json(output, found)
-    for cells in table_rows(found["arms"]):
-        click.echo(f"| {' | '.join(cells)} |")
+    click.echo(f"{summary(found)}\n\n{curves(found)}")
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ class Aim:
         row: dataset and row of the figure.
         group: part, or what `figures_of` has of the class map.
         metric: name of the figure.
-        usual: dataset and row that a loss is against; the larger loss of both parts counts.
+        usual: dataset and row that a loss is against, of as many observations; the larger loss of both parts counts.
         most: whether the limit is the largest value.
     """
 
@@ -41,6 +41,8 @@ class Aim:
             return list(figure["values"]) if figure else []
         if not {self.row, self.usual} <= found.keys():
             return []
+        if found[self.row].get("observations") != found[self.usual].get("observations"):
+            return []
         pairs = [[found[row][part][self.metric]["values"] for row in (self.usual, self.row)] for part in PARTS]
         losses = [[a - b for a, b in zip(*pair, strict=True)] for pair in pairs]
         return [max(of_seed) for of_seed in zip(*losses, strict=True)]
@@ -55,8 +57,8 @@ _OPEN, _SEEN = "open-s34-o7", "open-s34-o7-classes"
 #: Read from the scores of each observation; see `marked_without_sound`.
 _SILENT, _ELSEWHERE = "marked in silence", "marked with sounds of other rooms alone"
 AIMS = (
-    Aim("strict IoU with recordings, part_1", 0.60, f"{_OPEN}-excerpts-2d", "part_1"),
-    Aim("… with `spatial`", 0.70, f"{_OPEN}-excerpts-spatial", "part_1"),
+    Aim("strict IoU with recordings, part_1", 0.60, f"{_OPEN}-recorded-2d", "part_1"),
+    Aim("… with `spatial`", 0.70, f"{_OPEN}-recorded-spatial", "part_1"),
     *(Aim(f"strict IoU with test voices, {part}", 0.75, f"{_OPEN}-2d", part) for part in PARTS),
     *(Aim(f"… with `spatial`, {part}", 0.82, f"{_OPEN}-spatial", part) for part in PARTS),
     *(Aim(f"models that others made, with `spatial`, {part}", 0.80, f"{_OPEN}-sh3d-spatial", part) for part in PARTS),
@@ -66,6 +68,13 @@ AIMS = (
     Aim("… with `spatial`", 0.88, "listen-spatial", "part_3", "twins"),
     Aim("loss with other heads", 0.05, f"{_OPEN}-heads-2d", usual=f"{_OPEN}-2d", most=True),
     Aim("loss with another engine", 0.05, f"{_OPEN}+soundspaces-2d", usual=f"{_OPEN}-2d", most=True),
+    Aim(
+        "loss with path-traced pictures of all observations",
+        0.05,
+        f"{_OPEN}-pathtraced-2d",
+        usual=f"{_OPEN}-2d",
+        most=True,
+    ),
     Aim("class map, IoU of clocks", 0.65, _SEEN, "classes", "clock"),
     Aim("… of telephones", 0.55, _SEEN, "classes", "telephone"),
     Aim("… of vacuum cleaners", 0.70, _SEEN, "classes", "vacuum_cleaner"),
@@ -88,14 +97,14 @@ def marked_without_sound(scores: Scores) -> dict[str, float]:
     return {name: fmean(rates) for name, rates in found.items() if rates}
 
 
-def aim_rows(package: Mapping[str, Any], seeds: Mapping[str, Any], scenes: Scores) -> list[list[str]]:
+def aim_rows(package: Mapping[str, Any], seeds: Mapping[str, Any], scenes: Scores | None) -> list[list[str]]:
     """Rows of the docs: the aim, the package, the seeds, and whether the package has it.
 
     Args:
         package, seeds: of `figures_of`.
-        scenes: of the package's row in 2D on `listen`.
+        scenes: of the package's row in 2D on `listen`, if it was measured.
     """
-    marked = marked_without_sound(scenes)
+    marked = marked_without_sound(scenes) if scenes else {}
     rows = []
     for aim in AIMS:
         own = [marked[aim.row]] if aim.row in marked else aim.values(package)

@@ -1,19 +1,29 @@
-"""`python -m benchmarks.listener_best RUN …`: the number of the best of several training runs, ``seedN`` each.
+"""`python -m benchmarks.listener_best RUN … [-o FILE.json]`: the number of the best of several runs, ``seedN`` each.
 
 Best is the one whose calibration has the largest IoU less the share of false marks over its rules of masks, on homes
-and voices for validation (`baselines.listener.calibration.best_rule`). No test set takes part.
+and voices for validation (`baselines.listener.calibration.best_rule`). No test set takes part. FILE gets what the cards
+of all runs say of validation and calibration, for docs/results/listener-runs.json.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 
-from avs3d_bench.formats.files import read_json
+from avs3d_bench.formats.files import read_json, write_json
 from baselines.listener.calibration import worth
 from baselines.listener.card import CARD_JSON
+from benchmarks.listener_summary import share
+
+#: What figures of validation are called in the docs.
+TITLES = {
+    "audible": "audible categories all right", "category_iou": "category that is heard, IoU",
+    "class_iou": "classes of pixels, IoU", "fp_rate": "something marked where nothing sounds in view",
+    "iou": "what sounds, IoU", "pair_accuracy": "pair accuracy",
+}  # fmt: skip
 
 
 def best_of(runs: Sequence[Path]) -> Path:
@@ -22,17 +32,50 @@ def best_of(runs: Sequence[Path]) -> Path:
     Raises:
         click.UsageError: if none is finished.
     """
-    finished = [run for run in runs if (run / CARD_JSON).exists()]
-    if not finished:
+    found = figures_of(runs)
+    if not found:
         raise click.UsageError(f"none of {', '.join(map(str, runs))} has a {CARD_JSON}; let a training end first")
-    cards = {run: read_json(run / CARD_JSON) for run in finished}
-    return max(finished, key=lambda run: max(map(worth, cards[run]["calibration"]["figures"]["by_rule"])))
+    return max(found, key=lambda run: found[run]["IoU less false marks"])
+
+
+def figures_of(runs: Sequence[Path]) -> dict[Path, dict[str, float]]:
+    """Of each finished run, its minutes, and the figures of validation and of calibration."""
+    cards: dict[Path, Any] = {run: read_json(run / CARD_JSON) for run in runs if (run / CARD_JSON).exists()}
+    return {run: _figures(card) for run, card in cards.items()}
+
+
+def _figures(card: dict[str, Any]) -> dict[str, float]:
+    chosen = card["calibration"]["figures"]
+    return {
+        "minutes": card.get("training", {}).get("minutes"),
+        **{f"validation: {TITLES[name]}": value for name, value in card.get("validation", {}).items()},
+        "IoU less false marks": round(max(map(worth, chosen["by_rule"])), 4),
+        "calibration error before": chosen.get("error_before"),
+        "calibration error": chosen.get("error"),
+    }
+
+
+def rows(found: Mapping[str, Mapping[str, float]]) -> list[list[str]]:
+    """Rows of the docs: the figure, and a cell for each run.
+
+    Args:
+        found: run → what `figures_of` has of it.
+    """
+    names = next(iter(found.values()))
+    return [[name, *(_text(name, each[name]) for each in found.values())] for name in names]
+
+
+def _text(name: str, value: float | None) -> str:
+    return f"{value:.1f}" if name == "minutes" and value is not None else share(value)
 
 
 @click.command()
 @click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
-def main(runs: tuple[Path, ...]) -> None:
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="Figures of all runs.")
+def main(runs: tuple[Path, ...], output: Path | None) -> None:
     """Print the number of the best run."""
+    if output is not None:
+        write_json(output, {run.name: each for run, each in figures_of(runs).items()})
     click.echo(best_of(runs).name.removeprefix("seed"))
 
 

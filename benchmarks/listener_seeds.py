@@ -3,7 +3,8 @@
 Each folder has the files of `benchmarks.listener_tables` for one seed, and those of `benchmarks.listener_classes` as
 ``classes-DATASET.json``. Of each row and dataset, the file has strict IoU of each part and category, and under
 ``listen`` the pair accuracy by kind of pair: the mean over the seeds, the value of each, and the interval over homes
-of the first seed. ``DATASET-classes`` has what the network sees. `--table` prints the rows as a table.
+of the first seed; and how many observations each has. ``DATASET-classes`` has what the network sees. `--table` prints
+the rows as a table.
 
 docs/results/listener-seeds.json is of three seeds, listener-seeds-package.json of the package's weights, one of them.
 """
@@ -27,8 +28,9 @@ from benchmarks.sound_rows import LISTEN_FIGURES, row_of
 
 #: Datasets of strict IoU in the docs: its name in files of scores → what differs.
 TESTS = {
-    "open-s34-o7": "test voices", "open-s34-o7-excerpts": "recordings", "open-s34-o7-heads": "other heads",
-    "open-s34-o7+soundspaces": "other engine", "open-s34-o7-sh3d": "other models", "open-scans": "a real room",
+    "open-s34-o7": "test voices", "open-s34-o7-recorded": "recordings", "open-s34-o7-heads": "other heads",
+    "open-s34-o7+soundspaces": "other engine", "open-s34-o7-pathtraced": "path-traced pictures",
+    "open-s34-o7-sh3d": "other models", "open-scans": "a real room",
 }  # fmt: skip
 #: Datasets whose pictures differ, for what the network sees.
 PICTURES = ("open-s34-o7", "open-s34-o7-sh3d", "open-scans")
@@ -38,15 +40,15 @@ ANSWERS = {
     "spatial": "EchoSegnet spatial",
 }  # fmt: skip
 #: What runs are called in the docs: name in files (empty: the three seeds) → title.
-RUNS = {"package": "package", "": "three seeds, former rule"}
+RUNS = {"package": "package", "": "three seeds"}
 #: Parts that have strict IoU.
 PARTS = ("part_1", "part_2")
 #: Columns of the summary: title → dataset, part, metric.
 SUMMARY = {
     "test voices, part_1": ("open-s34-o7", "part_1", "strict_IoU"),
     "test voices, part_2": ("open-s34-o7", "part_2", "strict_IoU"),
-    "recordings, part_1": ("open-s34-o7-excerpts", "part_1", "strict_IoU"),
-    "recordings, part_2": ("open-s34-o7-excerpts", "part_2", "strict_IoU"),
+    "recordings, part_1": ("open-s34-o7-recorded", "part_1", "strict_IoU"),
+    "recordings, part_2": ("open-s34-o7-recorded", "part_2", "strict_IoU"),
     "listen, all pairs": ("listen", "part_3", "pair_accuracy"),
     "listen, twins": ("listen", "part_3", "twins"),
 }
@@ -63,7 +65,7 @@ def figures_of(folders: tuple[Path, ...]) -> dict[str, dict[str, Any]]:
             group: {metric: _over([row[group][metric] for row in rows]) for metric in metrics}
             for group, metrics in rows[0].items()
             if isinstance(metrics, dict)
-        }
+        } | {"observations": [row["observations"] for row in rows]}
     for path in sorted(folders[0].glob("classes-*.json")):
         files = [folder / path.name for folder in folders if (folder / path.name).exists()]
         each = [one for file in files for one in read_json(file)["datasets"].values()]
@@ -75,8 +77,8 @@ def figures_of(folders: tuple[Path, ...]) -> dict[str, dict[str, Any]]:
 
 
 def _plain(each: list[dict[str, float | None]]) -> dict[str, Any]:
-    """Figures without intervals; without those of what no picture shows."""
-    names = [name for name, value in each[0].items() if value is not None]
+    """Figures without intervals; without those of what no picture shows, or only some seeds take something for."""
+    names = [name for name in each[0] if all(one.get(name) is not None for one in each)]
     return {name: _over([{"value": one[name], "interval": None} for one in each]) for name in names}
 
 

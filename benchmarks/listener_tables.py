@@ -32,7 +32,7 @@ from avs3d_bench.contract import layout
 from avs3d_bench.contract.schema import ProvenanceRecord
 from avs3d_bench.contract.scores import Scores
 from avs3d_bench.dataset import Dataset, Frame, Observation
-from avs3d_bench.errors import Avs3dError
+from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats.files import read_json, sha256_file, write_json
 from avs3d_bench.formats.media import read_record
 from avs3d_bench.runtime.file_lock import wait_for_lock
@@ -54,6 +54,8 @@ Kind = Literal["truth", "listener", "controls", "echosegnet"]
 RUN_JSON = "listener-run.json"
 #: Kinds of rows that are the network's answers in 2D; `Row.setting` is what it hears.
 HEARD = ("listener", "controls")
+#: What rows hear from another observation, which the data may lack: such rows are left out.
+OTHER_OBSERVATION = ("same-category", "other-category")
 #: Processes that share the GPUs for the rows in 2D, at most: decoding and writing pictures takes most of the time.
 MOST_WORKERS = 24
 
@@ -339,7 +341,7 @@ def _read_run(plan: Plan) -> dict[str, Any]:
 
 
 def run_all(roots: dict[str, Path], rows: Sequence[Row], plan: Plan) -> list[str]:
-    """Run the rows that are not there yet; messages of those that failed."""
+    """Run the rows that are not there yet; messages of those that failed, but for what lacks another's sound."""
     document = _read_run(plan)
     failed = []
     for some in together(rows):
@@ -360,6 +362,9 @@ def run_all(roots: dict[str, Path], rows: Sequence[Row], plan: Plan) -> list[str
             try:
                 found = run_rows(label, dataset, wanted, plan)
             except Avs3dError as error:
+                if isinstance(error, UsageError) and some[0].setting in OTHER_OBSERVATION:
+                    click.echo(f"{label}: {', '.join(row.name for row in wanted)}: left out: {error}")
+                    continue
                 failed += [f"{label}-{row.name}: {error}" for row in wanted]
                 click.echo(f"{label}: {', '.join(row.name for row in wanted)}: failed: {error}", err=True)
                 continue

@@ -12,6 +12,7 @@ import pytest
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.files import write_json
 from baselines.listener.shards import VERSION, ShardStore, ShardTable
+from benchmarks import ablation_tables
 from benchmarks import listener_ablation as ablation
 
 torch = pytest.importorskip("torch", reason="torch is not installed: the listener cannot run")
@@ -205,10 +206,17 @@ def test_changes_are_those_of_the_same_seeds(tmp_path: Path) -> None:
     assert (arms["decay"]["a"]["strict_IoU"], arms["decay"]["a"]["change"]) == (None, None)
     assert arms["half of the homes"]["a"]["strict_IoU"]["values"] == [0.35, 0.9]
     assert arms["half of the homes"]["b"]["change"]["values"] == [-0.05]
-    rows = ablation.table_rows(dict(sorted(arms.items())))
-    assert [row[0] for row in rows] == list(arms)
+    titles = {name: name for name in ("nothing", "half of the homes", "eq")}
+    rows = ablation_tables.table_rows(dict(sorted(arms.items())), titles)
+    assert [row[0] for row in rows] == ["nothing", "half of the homes"]
     assert rows[1][:5] == ["half of the homes", "44, 4,000", "2", ".625 (.350–.900)", "−.050 (−.050 to −.050)"]
     assert len(rows[1]) == 3 + 2 * 4
-    shown = ablation.summary({"arms": arms, "trainings": {"picture_steps": 1500, "sound_steps": 900, "batch": 64}})
+    document = {"arms": arms, "trainings": {"picture_steps": 1500, "sound_steps": 900, "batch": 64}}
+    shown = ablation_tables.summary(document)
     assert "| a: strict IoU | a: change |" in shown
+    assert [line.split(" | ")[0] for line in shown.splitlines()[2:4]] == ["| nothing", "| decay"]
     assert shown.endswith("1,500 steps with 64 parts of pictures, then 900 with 64 sounds.")
+    said = [line.split(" | ")[0] for line in ablation_tables.curves(document).splitlines()[2:]]
+    assert said == ["| half of the homes", f"| {few}", "| … all voices, as many sounds", "| all homes and voices"]
+    pytest.importorskip("matplotlib", reason="pictures need the [plot] extra")
+    assert ablation_tables.draw(document).startswith(b"\x89PNG")

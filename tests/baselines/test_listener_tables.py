@@ -126,6 +126,18 @@ def test_the_page_has_every_method_the_differences_and_the_pictures(ran: Path) -
     assert picture.shape[1] == 4 * listener_failures.SIDE + 5 * listener_failures.GAP
 
 
+@pytest.mark.slow
+def test_a_control_whose_sound_the_data_lack_is_left_out(ran: Path, tmp_path: Path) -> None:
+    """All observations are of one home."""
+    output = run(
+        ran, "--rows", "same-category", "--rows", "swapped-ears", "-o", str(tmp_path), "--only", tiny_scenes.FIRST
+    )
+    assert "scenes: same-category: left out: " in output
+    assert "no observation of the same category in another home" in output
+    assert [path.name for path in tmp_path.glob("listener-scenes-*.json")] == ["listener-scenes-swapped-ears.json"]
+    assert list(read_json(tmp_path / RUN_JSON)["rows"]) == ["scenes-swapped-ears"]
+
+
 def test_a_tone_is_a_line_at_its_octave_in_the_ear_that_hears_it() -> None:
     tone = 0.1 * np.sin(2 * np.pi * 1378.125 * np.arange(44_100) / 44_100)  # four octaves below half of the rate
     shown = listener_failures.spectrograms(np.stack([tone, 0 * tone]).astype(np.float32)).sum(axis=2)

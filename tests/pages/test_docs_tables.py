@@ -61,9 +61,9 @@ def test_the_leaderboard_has_every_file_of_scores(copy: Path) -> None:
     assert {entry["file"] for entry in board["entries"]} == {path.name for path in scored}
     for entry in board["entries"]:
         assert entry["digest"] == contents_digest(read_scores(results / entry["file"]))
-    (results / "listener-listen-2d.json").unlink()
+    (results / "listener-open-s34-o7-2d.json").unlink()
     page = copy / "docs/leaderboard.md"
-    row = "(results/listener-listen-2d.json)"
+    row = "(results/listener-open-s34-o7-2d.json)"
     assert row in page.read_text()
     assert row not in leaderboard_page.pages(copy / "docs")[page]
 

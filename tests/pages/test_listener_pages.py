@@ -39,7 +39,7 @@ def test_settings_that_differ_between_rows_are_said() -> None:
 
 
 def test_figures_of_seeds_are_a_mean_with_every_value_and_the_interval_of_the_first(tmp_path: Path) -> None:
-    first = json.loads((RESULTS / "listener-listen-2d.json").read_bytes())
+    first = json.loads((RESULTS / "listen-oracle-sounding.json").read_bytes())
     for name, accuracy in {"seed0": 0.5, "seed1": 0.2}.items():
         first["parts"]["part_3"]["listen"]["pair_accuracy"] = accuracy
         write_json(tmp_path / name / "listener-listen-2d.json", first)
@@ -92,15 +92,19 @@ def test_an_aim_is_met_or_missed_by_the_package_and_a_loss_is_that_of_the_worse_
     heads = {"part_1": {"strict_IoU": of(0.5, 0.6)}, "part_2": {"strict_IoU": of(0.7, 0.6)}}
     seeds = {"open-s34-o7-2d": usual, "open-s34-o7-heads-2d": heads}
     package = {"open-s34-o7-2d": {"part_1": {"strict_IoU": of(0.75)}, "part_2": {"strict_IoU": of(0.7)}}}
-    scenes = read_record(RESULTS / "listener-listen-2d.json", Scores)
+    scenes = read_record(RESULTS / "listen-pipeline-spatial.json", Scores)
     rows = {row[0]: row[1:] for row in listener_aims.aim_rows(package, seeds, scenes)}
     assert rows["strict IoU with test voices, part_1 ≥ .75"] == [".750", ".600 (.500–.700)", "met"]
     assert rows["strict IoU with test voices, part_2 ≥ .75"] == [".700", ".700 (.600–.800)", "missed by .05"]
     assert rows["loss with other heads ≤ .05"] == ["–", ".100 (.100–.100)", "not measured"]
+    heads["observations"] = [33, 34]  # of other observations it is no loss
+    usual["observations"] = [34, 34]
+    again = {row[0]: row[1:] for row in listener_aims.aim_rows(package, seeds, scenes)}
+    assert again["loss with other heads ≤ .05"] == ["–", "–", "not measured"]
     assert rows["class map, IoU of clocks ≥ .65"] == ["–", "–", "not measured"]
-    # The three observations in silence have no category.
+    # The observations in silence have no category.
     silent = [one.listen for one in scenes.observations if one.category is None]
-    assert [one and one.FP_rate for one in silent] == [0.0] * 3
+    assert [one and one.FP_rate for one in silent] == [0.0] * 4
     assert rows["marked in silence ≤ .01"] == [".000", "–", "met"]
 
 
