@@ -3,7 +3,8 @@
     python -m benchmarks.voices --recordings FOLDER -o OUT [--category clock]
 
 ``FOLDER`` has a folder of sound files per category. A figure of a voice is within the spread if it lies between the
-least and the largest of the recordings, widened by `MARGIN`. Octaves that a sample rate does not reach are left out.
+least and the largest of the recordings, widened by `MARGIN`; each recording is held to the others in the same way.
+Octaves that a sample rate does not reach are left out.
 """
 
 from __future__ import annotations
@@ -72,21 +73,24 @@ def recordings(folder: Path, category: str) -> dict[str, tuple[Array, int]]:
 
 
 def compare(category: str, folder: Path) -> tuple[dict[str, dict[str, float]], dict[str, list[str]]]:
-    """Name → figures of all sounds, and voice → what lies outside the spread of the recordings."""
+    """Name → figures of all sounds, and name → what lies outside the spread of the (other) recordings."""
     known = {f"recording {name}": figures(*sound) for name, sound in recordings(folder, category).items()}
     table = dict(known)
-    outside: dict[str, list[str]] = {}
     for voice in voices(category):
         units = [figures(_unit(category, voice.name, seed), SAMPLE_RATE) for seed in range(UNITS)]
-        mean = {key: float(np.mean([unit[key] for unit in units])) for key in units[0]}
-        table[voice.name] = mean
-        outside[voice.name] = []
-        for key, value in mean.items():
-            of_recordings = [each[key] for each in known.values() if key in each]
-            if of_recordings and not min(of_recordings) - MARGIN <= value <= max(of_recordings) + MARGIN:
-                text = f"{key}: {value:.1f} dB, recordings {min(of_recordings):.1f} to {max(of_recordings):.1f}"
-                outside[voice.name].append(text)
-    return table, outside
+        table[voice.name] = {key: float(np.mean([unit[key] for unit in units])) for key in units[0]}
+    return table, {
+        name: _outside(row, [other for key, other in known.items() if key != name]) for name, row in table.items()
+    }
+
+
+def _outside(row: dict[str, float], others: Sequence[dict[str, float]]) -> list[str]:
+    found = []
+    for key, value in row.items():
+        spread = [other[key] for other in others if key in other]
+        if spread and not min(spread) - MARGIN <= value <= max(spread) + MARGIN:
+            found.append(f"{key}: {value:.1f} dB, recordings {min(spread):.1f} to {max(spread):.1f}")
+    return found
 
 
 def _unit(category: str, name: str, seed: int) -> Array:
@@ -138,6 +142,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         report[category] = {"figures": table, "outside": outside}
         for name, faults in outside.items():
             print(f"{category}/{name}: {'; '.join(faults) or 'within the spread'}")
+        for what in (True, False):
+            ours = [not faults for name, faults in outside.items() if name.startswith("recording ") is what]
+            print(f"{category}: {sum(ours)} of {len(ours)} {'recordings' if what else 'voices'} within the spread")
     (options.output / "voices.json").write_text(json.dumps(report, indent=1), encoding="utf-8")
 
 

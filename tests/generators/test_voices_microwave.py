@@ -8,11 +8,12 @@ from generators.assets.sounds.devices.microwave_parts import (
     beeps,
     duty,
     inverter,
+    louvres,
     session,
     shaded_pole_fan,
     transformer,
 )
-from generators.assets.sounds.fans import CONTROL_RATE, frames, turns_of
+from generators.assets.sounds.fans import CONTROL_RATE, GRID, frames, turns_of
 from tests.support.spectra import energy_at, likeness, share_above
 from tests.support.tiers import some
 
@@ -65,6 +66,13 @@ def test_a_shaded_pole_motor_turns_slower_than_the_mains_by_its_slip():
     _, tones = shaded_pole_fan(count, np.random.default_rng(4), np.ones(frames(count)), 50.0, (0.1, 0.1), 500.0)
     at_speed = lines(tones, 45.0, range(1, 25)).sum()
     assert at_speed > 20 * lines(tones, 50.0, [k for k in range(1, 25) if k * 50 % 45 not in (0, 5, 40)]).sum()
+
+
+def test_an_oven_takes_up_to_three_decibels_per_octave_of_what_leaves_at_its_back():
+    gains = np.interp([125.0, 500.0, 1000.0, 8000.0], GRID, louvres(np.random.default_rng(1)))
+    assert gains[:2] == pytest.approx([0.0, 0.0], abs=0.1)
+    assert -3.0 <= gains[2] <= -1.5
+    assert gains[3] == pytest.approx(4 * gains[2], abs=0.1)
 
 
 def test_a_relay_switches_the_drawn_share_of_the_cooking():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from generators.assets.sounds import voices
+from generators.assets.sounds.devices.vacuum_cleaner import _leak
 from generators.assets.sounds.devices.vacuum_cleaner_parts import Habit, universal_motor, work
 from generators.assets.sounds.fans import frames
 from tests.support.spectra import likeness, share_above, strongest
@@ -29,6 +30,12 @@ def test_a_take_never_repeats_exactly_and_ends_below_16_khz(voice):
 def test_no_second_is_silent(name):
     voice = next(voice for voice in VOICES if voice.name == name)
     assert second_levels(voice.play(15 * SR, np.random.default_rng(5))).min() > -27.0
+
+
+def test_a_leak_hisses_most_at_the_end_of_hearing():
+    heard = _leak(8 * SR, np.random.default_rng(2)).astype(np.float64)
+    octaves = [share_above(heard, low) - share_above(heard, 2 * low) for low in (1250.0, 2500.0, 5000.0, 10_000.0)]
+    assert np.all(10 * np.log10(np.divide(octaves[1:], octaves[:-1])) > 2.0)
 
 
 def test_a_series_motor_runs_up_when_the_nozzle_seals():

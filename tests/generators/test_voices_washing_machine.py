@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.signal import welch
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
 from generators.assets.sounds import Voice, find_voice, machines, voices
+from generators.assets.sounds.devices.washing_machine_tubs import _drizzle
 from tests.support.spectra import likeness, share_above, strongest
 from tests.support.tiers import some
 
@@ -53,6 +55,12 @@ def test_a_pitted_ring_is_heard_beside_the_rest(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(place, lambda *arguments: 0.0 * pitted(*arguments))
     smooth = voice.play(10 * COUNT, np.random.default_rng(2))
     assert 0.2 < np.std(whole - smooth) / np.std(whole) < 0.8
+
+
+def test_small_drops_ring_at_thirteen_to_sixteen_kilohertz() -> None:
+    heard = _drizzle(COUNT, np.random.default_rng(1), _constant(1.0))
+    frequencies, power = welch(heard, SAMPLE_RATE, nperseg=512)
+    assert 12_000 < frequencies[np.argmax(power)] < 16_000
 
 
 def test_a_synchronous_pump_keeps_to_the_mains() -> None:
