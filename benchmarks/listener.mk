@@ -32,6 +32,9 @@ SHARE_test ?= 50
 # SHARE_rows_NAME is that of one test set.
 SHARE_rows ?= 12
 SHARE_best ?= 36
+# PIN_NAME are cores of a part of the training data, of tune or of test (all test sets), as taskset has them (0-23): each program
+# begins as many threads as it has cores. Without it a program has all cores.
+
 # Of `avs3d generate` for all parts.
 TRAIN_OPTIONS ?= --size 504 --frames 12
 # After this time a part of the training data is what has been made of it; without a number it is made whole.
@@ -69,6 +72,8 @@ BEST = $$($(PYTHON) -m benchmarks.listener_best $(patsubst %/listener.safetensor
 share = $(shell echo $$(( ($(WORKERS) * $1 + 99) / 100 )))
 # $(call on,N): one GPU in turn, if there is any.
 on = $(if $(filter 0,$(GPUS)),,CUDA_VISIBLE_DEVICES=$$(( $1 % $(GPUS) )))
+# $(call pinned,name)
+pinned = $(if $(PIN_$1),taskset -c $(PIN_$1))
 # $(call timed,name,command): run it, log it, write down its seconds.
 timed = @mkdir -p $(LISTENER)/logs; echo "$1: log in $(LISTENER)/logs/$1.txt"; began=$$(date +%s); \
   { $2; } > $(LISTENER)/logs/$1.txt 2>&1 || { tail -n 3 $(LISTENER)/logs/$1.txt; echo "$1: failed"; exit 1; }; \
@@ -90,14 +95,14 @@ $(LISTENER)/manifests/train-recorded.yaml:
 
 # Status 1: a few sampled observations found no place; 124: the time was over.
 $(LISTENER)/train-%.done: | $(LISTENER)/kernels.done $(LISTENER)/manifests/train-recorded.yaml
-	$(call timed,train-$*,$(if $(DATA_MINUTES),timeout -k 20 $(DATA_MINUTES)m) $(AVS3D) generate \
+	$(call timed,train-$*,$(if $(DATA_MINUTES),timeout -k 20 $(DATA_MINUTES)m) $(call pinned,$*) $(AVS3D) generate \
 	  $(if $(filter recorded,$*),$(LISTENER)/manifests/train-recorded.yaml,$(TRAIN)) -o $(SHARDS)/$* --format webdataset \
 	  --device $(DEVICE) --workers $(call share,$(SHARE_$*)) $(TRAIN_$*) $(TRAIN_OPTIONS) || { status=$$?; \
 	  [ $$status -eq 1 -o $$status -eq 124 ] && ls $(SHARDS)/$*/*.tar > /dev/null; })
 	@touch $@
 
 $(LISTENER)/tune.done: | $(LISTENER)/kernels.done
-	$(call timed,tune,$(foreach each,$(TUNE),$(AVS3D) generate $(each) -o $(LISTENER)/tune/$(basename $(notdir $(each))) \
+	$(call timed,tune,$(foreach each,$(TUNE),$(call pinned,tune) $(AVS3D) generate $(each) -o $(LISTENER)/tune/$(basename $(notdir $(each))) \
 	  --format webdataset --audio tracer --device $(DEVICE) --workers $(call share,$(SHARE_tune)) $(TUNE_OPTIONS) &&) true)
 	@touch $@
 
@@ -120,7 +125,7 @@ $(LISTENER)/ablation.done: $(LISTENER)/decoded.done
 # After the training data: both use all cores. Trainings go first. Path tracing takes a GPU, which the training data leaves idle.
 $(filter-out %-pathtraced.done,$(TESTS:%=$(LISTENER)/test-%.done)): | $(LISTENER)/decoded.done
 $(LISTENER)/test-%.done: | $(LISTENER)/kernels.done
-	$(call timed,test-$*,nice -n 5 $(AVS3D) generate \
+	$(call timed,test-$*,nice -n 10 $(call pinned,test) $(AVS3D) generate \
 	  $(or $(MANIFEST_$*),scenes_manifest/$(patsubst %-pathtraced,%,$(patsubst %-heads,%,$(firstword $(subst +, ,$*)))).yaml) \
 	  -o $(LISTENER)/tests/$* --audio $(or $(word 2,$(subst +, ,$*)),tracer) --device $(TEST_DEVICE) $(if $(filter %-heads,$*),--hrtf family-test) \
 	  $(if $(filter %-pathtraced,$*),--vision pathtraced --workers $(call share,$(SHARE_pathtraced)),--workers $(call share,$(SHARE_test))) \
