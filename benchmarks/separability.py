@@ -1,6 +1,7 @@
 """How well a mono recogniser tells the categories apart on voices and recordings that it never heard.
 
     python -m benchmarks.separability --recordings FOLDER -o FILE.json [--cnn]
+    python -m benchmarks.separability --learn-recordings -o FILE.json [--cnn]
 
 A nearest neighbour on spectral and modulation features, and with ``--cnn`` small convolutional networks on log-mel
 spectrograms (`separability_network`), are trained on seconds of *train* voices, dry and reverberant, and asked about
@@ -10,7 +11,9 @@ be near 100 % on test voices; one whose sounds say nothing of real ones would be
 recogniser has nothing but the mean spectrum from 10 to 20 kHz. The nearest neighbour's training seconds pass the same
 filter as those that are asked about; networks are trained once, on spectra that are changed at random. The neighbour is
 also asked about each training voice after training on the others, which says how much of a miss is the distance between
-any two voices. FILE.json holds one run, so that all its rows have one size; it is written after each recogniser.
+any two voices. ``--learn-recordings`` takes the recordings for training in the lock file as further training voices,
+and asks about those for tests, both from the store (`avs3d assets fetch`). FILE.json holds one run, so that all its
+rows have one size; it is written after each recogniser.
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import soundfile
 from numpy.typing import NDArray
 from scipy.fft import dct, rfft
 from scipy.signal import butter, fftconvolve, sosfilt
@@ -32,10 +36,13 @@ from avs3d_bench.contract.layout import SAMPLE_RATE
 from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.formats.files import write_json
 from avs3d_bench.runtime.parallel import process_each
+from benchmarks.recorded_manifests import MANIFESTS
 from benchmarks.separability_network import MELS, RANGE, Mels, Network, Training, log_mel
 from benchmarks.voices import recordings
 from generators.assets.sounds import synthesise, voices
 from generators.assets.sounds.recordings import resampled
+from generators.library.lock import LOCK_NAME, read_lock
+from generators.library.store import Store
 
 Array = NDArray[np.float64]
 Second = tuple[NDArray[np.float32], int, str]
@@ -127,6 +134,36 @@ def of_recordings(folder: Path, seed: int) -> Clips:
             whole = np.tile(whole, -(-SAMPLE_RATE // len(whole)))
             found += [(second.astype(np.float32), number, f"{category}/{name}/0") for second in _seconds(whole, rng)]
     return _clips(found)
+
+
+def of_lock(split: str, seed: int, units: int | None = None) -> Clips:
+    """Seconds of the recordings of a split in the lock file that are in the store.
+
+    Args:
+        split: train, validation or test.
+        seed: of excerpts and reverberation.
+        units: excerpts of at most `SECONDS` of each, as a voice has units; None: each once, as a whole.
+    """
+    store, lock = Store.default(), read_lock(MANIFESTS / LOCK_NAME)
+    mine = [each for each in lock.assets if each.kind == "sound" and each.split == split and not store.problem(each)]
+    found: list[Second] = []
+    for place, entry in enumerate(mine):
+        rng, number = np.random.default_rng((seed, place)), CATEGORIES.index(entry.category)
+        samples, rate = soundfile.read(store.path(entry), always_2d=True)
+        whole = resampled(samples.mean(axis=1), rate)
+        length = len(whole) if units is None else SECONDS * SAMPLE_RATE
+        whole = np.tile(whole, -(-SAMPLE_RATE // len(whole)))
+        for unit in range(units or 1):
+            start = int(rng.integers(max(1, len(whole) - length + 1)))
+            part = _seconds(whole[start : start + length], rng)
+            found += [(second.astype(np.float32), number, f"{entry.category}/{entry.id}/{unit}") for second in part]
+    return _clips(found)
+
+
+def joined(*clips: Clips) -> Clips:
+    """Several sets of clips as one."""
+    samples, labels = (np.concatenate([getattr(one, name) for one in clips]) for name in ("samples", "labels"))
+    return Clips(samples, labels, [name for one in clips for name in one.names])
 
 
 def _clips(found: Sequence[Second]) -> Clips:
@@ -424,7 +461,9 @@ def confusions_table(verdict_: Mapping[str, Any]) -> list[list[str]]:
 def main(arguments: Sequence[str] | None = None) -> None:
     """The command."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--recordings", type=Path, required=True, help="a folder with a folder of files per category")
+    asked = parser.add_mutually_exclusive_group(required=True)
+    asked.add_argument("--recordings", type=Path, help="a folder with a folder of files per category")
+    asked.add_argument("--learn-recordings", action="store_true", help="learn from recordings for training, too")
     parser.add_argument("-o", "--output", type=Path, required=True, help="JSON")
     parser.add_argument("--units", type=int, default=20, help="of each training voice [20]")
     parser.add_argument("--asked", type=int, default=10, help="units of each voice that is asked about [10]")
@@ -435,7 +474,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     sets = {
         split: of_voices(split, 1 + n, options.asked, options.workers) for n, split in enumerate(("validation", "test"))
     }
-    sets["recordings"] = of_recordings(options.recordings, 3)
+    if options.learn_recordings:
+        train, sets["recordings"] = joined(train, of_lock("train", 4, options.units)), of_lock("test", 3)
+    else:
+        sets["recordings"] = of_recordings(options.recordings, 3)
     report: dict[str, Verdicts] = {}
     training = Training() if options.cnn else None
     for name, found in measured(train, sets, training=training, workers=options.workers):
