@@ -19,6 +19,7 @@ rows have one size; it is written after each recogniser.
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, zip_longest
@@ -26,7 +27,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import soundfile
 from numpy.typing import NDArray
 from scipy.fft import dct, rfft
 from scipy.signal import butter, fftconvolve, sosfilt
@@ -34,13 +34,14 @@ from scipy.signal.windows import blackmanharris
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
 from avs3d_bench.contract.taxonomy import CATEGORIES
+from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.files import write_json
 from avs3d_bench.runtime.parallel import process_each
 from benchmarks.recorded_manifests import MANIFESTS
 from benchmarks.separability_network import MELS, RANGE, Mels, Network, Training, log_mel
 from benchmarks.voices import recordings
 from generators.assets.sounds import synthesise, voices
-from generators.assets.sounds.recordings import resampled
+from generators.assets.sounds.recordings import load_sound, recorded_seconds, resampled
 from generators.library.lock import LOCK_NAME, read_lock
 from generators.library.store import Store
 
@@ -142,21 +143,25 @@ def of_lock(split: str, seed: int, units: int | None = None) -> Clips:
     Args:
         split: train, validation or test.
         seed: of excerpts and reverberation.
-        units: excerpts of at most `SECONDS` of each, as a voice has units; None: each once, as a whole.
+        units: excerpts of `SECONDS` of each, as a voice has units; None: each once, as a whole.
+
+    Raises:
+        Avs3dError: if there is none, or one is damaged.
     """
     store, lock = Store.default(), read_lock(MANIFESTS / LOCK_NAME)
     mine = [each for each in lock.assets if each.kind == "sound" and each.split == split and not store.problem(each)]
+    if not mine:
+        raise Avs3dError(f"{store.root}: no recording of the split {split}; bring them: avs3d assets fetch")
     found: list[Second] = []
     for place, entry in enumerate(mine):
-        rng, number = np.random.default_rng((seed, place)), CATEGORIES.index(entry.category)
-        samples, rate = soundfile.read(store.path(entry), always_2d=True)
-        whole = resampled(samples.mean(axis=1), rate)
-        length = len(whole) if units is None else SECONDS * SAMPLE_RATE
-        whole = np.tile(whole, -(-SAMPLE_RATE // len(whole)))
+        rng, path = np.random.default_rng((seed, place)), store.path(entry)
+        whole = max(1.0, recorded_seconds(path, entry.trim))
         for unit in range(units or 1):
-            start = int(rng.integers(max(1, len(whole) - length + 1)))
-            part = _seconds(whole[start : start + length], rng)
-            found += [(second.astype(np.float32), number, f"{entry.category}/{entry.id}/{unit}") for second in part]
+            length, start = (SECONDS, float(rng.random())) if units else (whole, 0.0)
+            samples = load_sound(path, length, start=start, trim=entry.trim).astype(np.float64)
+            name = f"{entry.category}/{entry.id}/{unit}"
+            number = CATEGORIES.index(entry.category)
+            found += [(second.astype(np.float32), number, name) for second in _seconds(samples, rng)]
     return _clips(found)
 
 
@@ -489,4 +494,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except Avs3dError as error:
+        sys.exit(f"separability: error: {error}")

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from io import BytesIO
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import soundfile
 
+from avs3d_bench.contract.taxonomy import CATEGORIES
+from avs3d_bench.errors import Avs3dError
+from benchmarks import separability
 from benchmarks.separability_network import MELS, Network, Training, band_of, changed, log_mel, seen
 
 torch: Any = pytest.importorskip("torch")
@@ -110,3 +116,32 @@ def test_a_network_learns_what_differs_and_not_the_response() -> None:
     answers = network.probabilities(dull)
     np.testing.assert_allclose(answers.sum(axis=1), 1.0, atol=1e-5)
     assert (answers.argmax(axis=1) == labels[64:]).mean() > 0.9
+
+
+def test_recordings_of_a_split_are_those_in_the_store_each_with_as_many_excerpts_as_a_voice_has_units(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = separability.Store(tmp_path)
+    monkeypatch.setattr(separability.Store, "default", lambda: store)
+    lock = separability.read_lock(separability.MANIFESTS / separability.LOCK_NAME)
+    with pytest.raises(Avs3dError, match="no recording of the split train; bring them"):
+        separability.of_lock("train", 0, 2)
+    entries = []
+    for entry in [each for each in lock.assets if each.kind == "sound" and each.split == "train"][:2]:
+        noise, data = np.random.default_rng(0).normal(0, 0.1, 3 * 44100), BytesIO()
+        soundfile.write(data, noise, 44100, format="WAV")
+        sha256, size = store.put(entry.id, "sound.wav", data.getvalue())
+        entries.append(
+            entry.model_copy(update={"sha256": sha256, "bytes": size, "file": "sound.wav", "trim": (0.0, 2.5)})
+        )
+    known = lock.model_copy(update={"assets": [*entries, *lock.assets]})
+    monkeypatch.setattr(separability, "read_lock", lambda _: known)
+    several, once = separability.of_lock("train", 0, 2), separability.of_lock("train", 0)
+    for entry in entries:
+        assert {name for name in several.names if entry.id in name} == {
+            f"{entry.category}/{entry.id}/{n}" for n in "01"
+        }
+    assert {len(clips.names) for clips in (several, once)} == {40, 4}, "2 × 2 × 10 s, and twice the whole of 2.5 s"
+    assert {CATEGORIES[label] for label in several.labels} == {entry.category for entry in entries}
+    both = separability.joined(several, once)
+    assert (len(both.samples), both.names) == (44, several.names + once.names)
