@@ -213,8 +213,8 @@ Validation, on homes that were not trained on:
 |---|---|
 {figures}
 
-Trained on generated homes and objects. It marks the seven categories alone; how it does on recordings, models by others and in a
-real room is measured in docs/listener.md of the project, for the weights of the package.
+Trained on generated homes and objects. It marks the seven categories alone; how it does on recordings, models by
+others and in a real room is measured in docs/listener.md of the project, for the weights of the package.
 """
 
 
