@@ -475,14 +475,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--workers", type=int, default=None, help="processes [one per core]")
     parser.add_argument("--cnn", action="store_true", help="train the network, too")
     options = parser.parse_args(arguments)
-    train = of_voices("train", 0, options.units, options.workers)
+    # Recordings first: where they are missing, that is said before minutes go into voices.
+    learnt = [of_lock("train", 4, options.units)] if options.learn_recordings else []
+    heard = of_lock("test", 3) if options.learn_recordings else of_recordings(options.recordings, 3)
+    train = joined(of_voices("train", 0, options.units, options.workers), *learnt)
     sets = {
         split: of_voices(split, 1 + n, options.asked, options.workers) for n, split in enumerate(("validation", "test"))
     }
-    if options.learn_recordings:
-        train, sets["recordings"] = joined(train, of_lock("train", 4, options.units)), of_lock("test", 3)
-    else:
-        sets["recordings"] = of_recordings(options.recordings, 3)
+    sets["recordings"] = heard
     report: dict[str, Verdicts] = {}
     training = Training() if options.cnn else None
     for name, found in measured(train, sets, training=training, workers=options.workers):
