@@ -404,8 +404,9 @@ def listener(
 )
 @click.option("--listener-weights", type=PATH, metavar="FILE", help="Of --masks listener: weights [the package's].")
 @click.option(
-    "--listener-answer", type=click.Choice(["category", "sounding"]), default=None,
-    help="Of --masks listener: every object of the category that is heard, or what it says sounds [category].",
+    "--listener-answer", type=click.Choice(["category", "sounding", "direction"]), default=None,
+    help="Of --masks listener: every object of the category that is heard, what it says sounds, or the object from "
+    "whose place the sound comes, whatever it is called [category].",
 )  # fmt: skip
 @click.option(
     "--variant", type=click.Choice(["official", "spatial"]), default="official", show_default=True,
@@ -540,6 +541,11 @@ class _EchosegnetOptions:
 
         require("baselines")
         from baselines.echosegnet.network_masks import NetworkMasks
+
+        if self.listener_answer == "direction":
+            from baselines.direction_alone import load_direction_marker
+
+            return NetworkMasks(load_direction_marker(self.listener_weights))
         from baselines.listener.marks import load_marker
 
         return NetworkMasks(load_marker(self.listener_weights, which=self.listener_answer or "category"))

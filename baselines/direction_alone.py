@@ -13,14 +13,17 @@ With ``direction`` what a sound is called takes no part: it shows what two ears 
 
 In part_3 sources come and go, and some are in no picture. There `echosegnet.activity` says which candidates sound in
 which second: each is on or off for some seconds, and places without a candidate explain what none of them does.
+
+`DirectionMarker` marks train frames for a method that lifts masks into 3D (`--masks listener --listener-answer
+direction`): in part_1 and part_2 the chosen object, in part_3 every object, among which that method chooses by sound.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import cv2
 import numpy as np
@@ -32,9 +35,13 @@ from avs3d_bench.method import Method, write_submission
 from avs3d_bench.submission import Prediction, SubmissionWriter
 from baselines.echosegnet import spatial, views
 from baselines.echosegnet.heard_categories import cluster_activity
+from baselines.listener.marks import EVERY, ListenerMarker, load_marker, of_category
 from baselines.listener.masks import Answer, log_odds, logit
 from baselines.listener.predict import ListenerMethod, clip_of
 from baselines.sound_control import SAID
+
+if TYPE_CHECKING:
+    import torch
 
 #: Most train frames that are looked at, evenly over the walk.
 MOST_VIEWS = 40
@@ -77,24 +84,45 @@ class DirectionMethod:
         walk = views.input_views(views.load_views(frames[0].observation))
         if frames[0].observation.is_part_3:
             return self._scenes(frames, walk)
-        found = self._chosen(views.train_views(walk))
+        train = some_of(views.train_views(walk))
+        found = self._chosen(train, self.model.seen([view.frame for view in train]))
         if found is None:
             return [Prediction(np.zeros(frame.rgb().shape[:2], np.bool_)) for frame in frames]
-        points, category = found
-        poses = {view.name: view for view in walk}
-        return [
-            Prediction(self._of_points(frame, answer, points, category, poses.get(frame.name)))
-            for frame, answer in zip(frames, self.model.seen(frames), strict=True)
-        ]
+        return [Prediction(mask) for mask in self._masks(frames, self.model.seen(frames), walk, *found)]
 
-    def _chosen(self, walk: Sequence[views.RegisteredView]) -> tuple[NDArray[np.float64], int] | None:
+    def train_masks(self, frames: Sequence[Frame]) -> Iterator[NDArray[np.uint8]]:
+        """(H, W) class ids of what sounds in each of the train frames of one observation of part_1 or part_2."""
+        walk = views.input_views(views.load_views(frames[0].observation))
+        answers = dict(zip([frame.name for frame in frames], self.model.seen(frames), strict=True))
+        train = some_of(views.train_views(walk))
+        found = self._chosen(train, [answers[view.name] for view in train])
+        if found is None:
+            return (np.zeros(frame.rgb().shape[:2], np.uint8) for frame in frames)
+        masks = self._masks(frames, [answers[frame.name] for frame in frames], walk, *found)
+        return (np.where(mask, np.uint8(1 + found[1]), np.uint8(0)) for mask in masks)
+
+    def _masks(
+        self,
+        frames: Sequence[Frame],
+        answers: Sequence[Answer],
+        walk: Sequence[views.RegisteredView],
+        points: NDArray[np.float64],
+        category: int,
+    ) -> Iterator[NDArray[np.bool_]]:
+        """(H, W) of each frame, of the candidate that `_chosen` returned."""
+        poses = {view.name: view for view in walk}
+        for frame, answer in zip(frames, answers, strict=True):
+            yield self._of_points(frame, answer, points, category, poses.get(frame.name))
+
+    def _chosen(
+        self, walk: Sequence[views.RegisteredView], answers: Sequence[Answer]
+    ) -> tuple[NDArray[np.float64], int] | None:
         """(N, 3) voxels of the candidate that sounds, and its category (0-based); None without any candidate or sound.
 
         Args:
             walk: train views.
+            answers: of the network for them.
         """
-        walk = some_of(walk)
-        answers = self.model.seen([view.frame for view in walk])
         points, labels, categories, choice = self._once(walk, lambda: self._choice(walk, answers))
         if choice is None or not choice.heard:
             return None
@@ -194,6 +222,45 @@ class DirectionMethod:
         if not touched.any():
             kept, threshold = np.where(inside, likely, 1e-6).astype(np.float32), OBJECT_INSIDE
         return replace(self.model, threshold=threshold).mask(replace(answer, mask=log_odds(kept)), frame.rgb())
+
+
+@dataclass(frozen=True)
+class DirectionMarker(ListenerMarker):
+    """Marks objects of train frames whatever they are called: a `ListenerMarker` with the answer ``direction``."""
+
+    @property
+    def entry(self) -> str:
+        """The module that computes the masks (see `avs3d_bench.runtime.provenance`)."""
+        return "baselines.direction_alone:DirectionMarker"
+
+    @property
+    def notes(self) -> str:
+        """The settings, for submission.json."""
+        return f"answer {self.which}, weights {self.digest[:12]}"
+
+    def mark(self, frames: Sequence[Frame], device: torch.device) -> Iterator[NDArray[np.uint8]]:
+        """(H, W) class ids of each of the train frames of one observation, in their order.
+
+        Raises:
+            Avs3dError: if the weights are others than those of ``digest``, or a frame's files are missing or damaged.
+        """
+        method = self.method(device)
+        if not frames[0].observation.is_part_3:
+            return DirectionMethod(method).train_masks(frames)
+        every = replace(method, share=None)
+        return (_objects(every, *each) for each in zip(frames, method.seen(frames), strict=True))
+
+
+def _objects(method: ListenerMethod, frame: Frame, answer: Answer) -> NDArray[np.uint8]:
+    """(H, W) class ids of all objects: of each marked pixel the most probable one, since objects may touch."""
+    mask = method.mask(of_category(answer, EVERY), frame.rgb())
+    ids = (1 + answer.classes[1:].argmax(axis=0)).astype(np.uint8)
+    return np.where(mask, cv2.resize(ids, mask.shape[::-1], interpolation=cv2.INTER_NEAREST), np.uint8(0))
+
+
+def load_direction_marker(weights: Path | None = None) -> DirectionMarker:
+    """A marker with the digest of its weights; raises as `listener.marks.load_marker`."""
+    return DirectionMarker(**vars(load_marker(weights, which="direction")))
 
 
 def some_of(walk: Sequence[views.RegisteredView]) -> tuple[views.RegisteredView, ...]:

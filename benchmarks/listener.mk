@@ -61,7 +61,7 @@ BEST_TESTS ?= $(filter open-s34-o7 listen,$(TESTS))
 BEST_ROWS ?= truth listener controls
 # EchoSegnet on the masks of the best seed.
 TESTS_3D ?= $(filter open-s34-o7 listen,$(TESTS))
-OPTIONS_3D ?= --rows spatial --rows official --iterations 7000
+OPTIONS_3D ?= --rows spatial --rows spatial-direction --rows official --iterations 7000
 # Figures of the seeds and of the best one, and its page.
 FIGURES ?= $(LISTENER)/figures
 

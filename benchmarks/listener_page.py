@@ -47,6 +47,7 @@ PAIRS = (
     ("2d", "no-sound"), ("2d", "wrong-sound"), ("2d", "swapped-ears"), ("2d", "category"), ("2d", "deaf-all"),
     ("2d", "deaf-single"), ("direction", "2d"), ("both", "direction"), ("spatial", "direction"),
     ("official", "2d"), ("official", "no-aisrm"), ("spatial", "2d"), ("spatial", "official"), ("spatial", "category"),
+    ("spatial-direction", "direction"), ("spatial-direction", "spatial"),
 )  # fmt: skip
 #: Figures of the comparisons.
 COMPARED: dict[PartOrOverall, tuple[str, ...]] = {

@@ -37,7 +37,7 @@ PICTURES = ("open-s34-o7", "open-s34-o7-sh3d", "open-scans")
 #: Rows that need no other sound.
 ANSWERS = {
     "2d": "network", "direction": "direction", "both": "both", "official": "EchoSegnet official",
-    "spatial": "EchoSegnet spatial",
+    "spatial": "EchoSegnet spatial", "spatial-direction": "direction, EchoSegnet spatial",
 }  # fmt: skip
 #: What runs are called in the docs: name in files (empty: the three seeds) → title.
 RUNS = {"package": "package", "": "three seeds"}

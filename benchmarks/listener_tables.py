@@ -39,7 +39,7 @@ from avs3d_bench.runtime.file_lock import wait_for_lock
 from avs3d_bench.runtime.parallel import available_cores, process_each
 from avs3d_bench.runtime.provenance import provenance
 from avs3d_bench.submission import SubmissionFolder, SubmissionWriter
-from baselines.direction_alone import DirectionMethod
+from baselines.direction_alone import DirectionMethod, load_direction_marker
 from baselines.listener.marks import MARKING_LOOKS
 from baselines.listener.masks import Answer
 from baselines.listener.predict import ListenerMethod
@@ -70,7 +70,8 @@ class Row:
         kind: what computes it; ``--rows`` takes kinds and names.
         setting: of what computes it: instance or deaf oracle, hearing, or variant.
         scenes: whether it is for part_3 alone.
-        answer: of ``avs3d baseline listener --answer``.
+        answer: of ``avs3d baseline listener --answer``; of rows of EchoSegnet, ``direction`` marks the train frames in
+            place of the run's answer.
     """
 
     name: str
@@ -110,6 +111,7 @@ ROWS = {
         Row("no-aisrm", "listener + EchoSegnet without AISRM", "echosegnet", "no-aisrm"),
         Row("official", "listener + EchoSegnet official", "echosegnet", "official"),
         Row("spatial", "listener + EchoSegnet spatial", "echosegnet", "spatial"),
+        Row("spatial-direction", "direction alone + EchoSegnet spatial", "echosegnet", "spatial", answer="direction"),
     )
 }
 KINDS = ("truth", "listener", "controls", "echosegnet")
@@ -167,7 +169,11 @@ class Plan:
         if row.kind == "echosegnet":
             from baselines.echosegnet.pipeline import is_relative
 
-            found |= {"answer": self.answer, "iterations": self.iterations, "max_gaussians": self.max_gaussians}
+            found |= {
+                "answer": lifted_answer(row, self),
+                "iterations": self.iterations,
+                "max_gaussians": self.max_gaussians,
+            }
             source, settings = lifting(row, self)
             found |= {"looks": MARKING_LOOKS, "voting_threshold": settings.voting_threshold}
             if is_relative(settings.variant, source):
@@ -269,6 +275,11 @@ def together(rows: Iterable[Row]) -> list[list[Row]]:
     return list(found.values())
 
 
+def lifted_answer(row: Row, plan: Plan) -> Any:
+    """Which of the network's answers marks train frames in a row of EchoSegnet."""
+    return plan.answer if row.answer == "sounding" else row.answer
+
+
 def lifting(row: Row, plan: Plan) -> tuple[NetworkMasks, Settings]:
     """The source of the masks and the settings of a row of EchoSegnet."""
     from baselines.echosegnet.densify import DensityControl
@@ -277,7 +288,9 @@ def lifting(row: Row, plan: Plan) -> tuple[NetworkMasks, Settings]:
     from baselines.echosegnet.train import TrainingSettings
     from baselines.listener.marks import load_marker
 
-    source = NetworkMasks(load_marker(plan.weights, which=plan.answer))
+    answer = lifted_answer(row, plan)
+    marker = load_direction_marker(plan.weights) if answer == "direction" else load_marker(plan.weights, which=answer)
+    source = NetworkMasks(marker)
     variant: Variant = "spatial" if row.setting == "spatial" else "official"
     density = DensityControl(max_gaussians=plan.max_gaussians)
     settings = Settings(

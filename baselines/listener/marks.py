@@ -1,9 +1,10 @@
 """Masks of train frames for a method that lifts them into 3D and then chooses by sound (`--masks listener`).
 
-Such a method asks for two different things, which the network both knows:
+Such a method asks for different things, which the network knows:
 
     sounding   the network's mask: what sounds, as far as one frame and one second tell
     category   every object of a category that is heard: which of them sounds is left to the sound of all frames
+    direction  the object from whose place the sound of all frames comes, whatever it is called (`direction_alone`)
 
 ``category`` is the answer of a detector that does not compare both ears: its masks of twins agree from frame to frame,
 whereas ``sounding`` may take one twin in one frame and the other in the next. In part_1 and part_2 one object sounds
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from baselines.listener.weights import Calibration
 
 #: Which of the network's answers is the mask.
-Which = Literal["sounding", "category"]
+Which = Literal["sounding", "category", "direction"]
 #: How often the network looks at a train frame.
 MARKING_LOOKS: Looks = "several"
 #: Probability above which a pixel is marked as the category; chosen on validation homes, as `THRESHOLD`.
@@ -63,13 +64,13 @@ class ListenerMarker:
     def threshold(self) -> float:
         """Probability above which a pixel is marked; with a `share`, above which a frame's peak must be."""
         if self.calibration is not None:
-            return self.calibration.category if self.which == "category" else self.calibration.threshold
-        return CATEGORY_THRESHOLD if self.which == "category" else THRESHOLD
+            return self.calibration.threshold if self.which == "sounding" else self.calibration.category
+        return THRESHOLD if self.which == "sounding" else CATEGORY_THRESHOLD
 
     @property
     def share(self) -> float | None:
         """Share of the peak above which a pixel is marked as sounding, see `masks.marked`."""
-        return self.calibration.share if self.calibration is not None and self.which == "sounding" else None
+        return self.calibration.share if self.calibration is not None and self.which != "category" else None
 
     @property
     def entry(self) -> str:
@@ -92,11 +93,11 @@ class ListenerMarker:
         """The settings, for submission.json."""
         return f"answer {self.which}, {marked_where(self.threshold, self.share)}, weights {self.digest[:12]}"
 
-    def mark(self, frames: Sequence[Frame], device: torch.device) -> Iterator[NDArray[np.uint8]]:
-        """(H, W) class ids of each of the train frames of one observation, in their order.
+    def method(self, device: torch.device) -> ListenerMethod:
+        """The network with these settings; a process keeps it for its next observation.
 
         Raises:
-            Avs3dError: if the weights are others than those of ``digest``, or a frame's files are missing or damaged.
+            Avs3dError: if the weights are others than those of ``digest``.
         """
         method = replace(_method(self.weights, str(device)), threshold=self.threshold, share=self.share)
         if method.digest != self.digest:
@@ -104,6 +105,15 @@ class ListenerMarker:
                 f"{self.weights or 'weights of the package'}: sha256 {method.digest[:12]}…, expected "
                 f"{self.digest[:12]}…; the file was changed, or another machine has another one"
             )
+        return method
+
+    def mark(self, frames: Sequence[Frame], device: torch.device) -> Iterator[NDArray[np.uint8]]:
+        """(H, W) class ids of each of the train frames of one observation, in their order.
+
+        Raises:
+            Avs3dError: if the weights are others than those of ``digest``, or a frame's files are missing or damaged.
+        """
+        method = self.method(device)
         if self.which == "sounding":
             for start in range(0, len(frames), BATCH):
                 for found in method.predictions(frames[start : start + BATCH]):
@@ -148,7 +158,6 @@ def of_category(answer: Answer, category: int | None) -> Answer:
 
 @lru_cache(maxsize=1)
 def _method(weights: Path | None, device: str) -> ListenerMethod:
-    """The network; a process keeps it for its next observation."""
     return load_method(weights, device=device, looks=MARKING_LOOKS)
 
 

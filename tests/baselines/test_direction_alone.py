@@ -131,7 +131,7 @@ def test_name_and_place_choose_together(
 ) -> None:
     choice = SimpleNamespace(labels=np.arange(2), scores=np.array([0.0, place]), heard=9)
     monkeypatch.setattr(spatial, "choose", lambda *_: choice)
-    found = method(cues, [named({TELEPHONE: heard})] * 9, monkeypatch)._chosen(walk())
+    found = method(cues, [named({TELEPHONE: heard})] * 9, monkeypatch)._chosen(walk(), [named({TELEPHONE: heard})] * 9)
     assert found is not None
     assert found[1] == category
 
@@ -140,7 +140,8 @@ def test_name_and_place_choose_together(
 def test_a_walk_without_sound_marks_nothing(monkeypatch: pytest.MonkeyPatch, cues: direction_alone.Cues) -> None:
     choice = SimpleNamespace(labels=np.arange(2), scores=np.zeros(2), heard=0)
     monkeypatch.setattr(spatial, "choose", lambda *_: choice)
-    assert method(cues, [named({})] * 9, monkeypatch)._chosen(walk()) is None
+    answers = [named({})] * 9
+    assert method(cues, answers, monkeypatch)._chosen(walk(), answers) is None
 
 
 def test_in_part_3_a_name_that_is_heard_confirms_a_candidate_and_another_one_does_not(
@@ -158,11 +159,48 @@ def test_in_part_3_a_name_that_is_heard_confirms_a_candidate_and_another_one_doe
 def test_what_does_not_depend_on_names_is_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
     choices = iter([SimpleNamespace(labels=np.arange(2), scores=np.zeros(2), heard=9)])
     monkeypatch.setattr(spatial, "choose", lambda *_: next(choices))
-    alone = method("direction", [named({TELEPHONE: 0.9})] * 9, monkeypatch)
-    first, second = alone._chosen(walk()), replace(alone, cues="both")._chosen(walk())
+    answers = [named({TELEPHONE: 0.9})] * 9
+    alone = method("direction", answers, monkeypatch)
+    first, second = alone._chosen(walk(), answers), replace(alone, cues="both")._chosen(walk(), answers)
     assert first is not None
     assert second is not None
     assert (first[1], second[1]) == (CLOCK, TELEPHONE)
+
+
+def marked(monkeypatch: pytest.MonkeyPatch, sounding: int | None) -> list[NDArray[np.uint8]]:
+    """What `DirectionMarker` marks in the train frames of a walk on which one of `OBJECTS` sounds, or none."""
+    trained = walk()
+    by_name = {view.name: view for view in trained}
+    for view in trained:
+        frame: Any = view.frame
+        frame.name, frame.rgb, frame.observation.is_part_3 = view.name, lambda: np.zeros((126, 126, 3), np.uint8), False
+    silence = np.zeros((2, 44_100), np.float32)
+    clips = [silence if sounding is None else clip(view, OBJECTS[sounding][0]) for view in trained]
+    monkeypatch.setattr(direction_alone.views, "load_views", lambda _: trained)
+    monkeypatch.setattr(direction_alone.views, "input_views", lambda views: views)
+    monkeypatch.setattr(ListenerMethod, "seen", lambda _, frames: [seen(by_name[frame.name]) for frame in frames])
+    monkeypatch.setattr(direction_alone.DirectionMethod, "_clips", lambda *_: np.stack(clips))
+    network = ListenerMethod(None, torch.device("cpu"), "0" * 64, refine="none")
+    monkeypatch.setattr(direction_alone.DirectionMarker, "method", lambda *_: network)
+    marker = direction_alone.DirectionMarker(None, "0" * 64, "direction")
+    return list(marker.mark([view.frame for view in trained], torch.device("cpu")))
+
+
+@pytest.mark.parametrize("number", range(len(OBJECTS)))
+def test_train_frames_are_marked_where_the_object_is_from_whose_place_the_sound_comes(
+    monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    centre, category = OBJECTS[number]
+    for view, ids in zip(walk(), marked(monkeypatch, number), strict=True):
+        assert set(np.unique(ids)) == {0, 1 + category}
+        x, y, z = (np.array(centre) - view.position) @ view.rotation
+        rows, columns = np.nonzero(ids)
+        aim = (view.camera.fy * y / z + view.camera.cy) * 2, (view.camera.fx * x / z + view.camera.cx) * 2
+        np.testing.assert_allclose((rows.mean(), columns.mean()), aim, atol=6)
+
+
+def test_train_frames_of_a_silent_walk_have_no_mark(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert not any(ids.any() for ids in marked(monkeypatch, None))
 
 
 def test_where_the_network_misses_the_chosen_object_its_silhouette_lowers_the_threshold(found: Any) -> None:

@@ -20,6 +20,7 @@ from avs3d_bench.formats import media
 torch = pytest.importorskip("torch", reason="torch is not installed: the listener cannot run")
 
 from baselines.cli import baseline  # noqa: E402
+from baselines.direction_alone import DirectionMarker  # noqa: E402
 from baselines.echosegnet import pipeline  # noqa: E402
 from baselines.echosegnet.cache import Stages  # noqa: E402
 from baselines.echosegnet.densify import DensityControl  # noqa: E402
@@ -122,6 +123,17 @@ def test_in_part_3_each_frame_says_what_it_hears(tmp_path: Path, monkeypatch: py
     first, second, *_ = scripted(monkeypatch).mark(Dataset(root)[tiny_scenes.FIRST].train, CPU)
     assert set(np.unique(first)) == {0, 1 + CLOCK}
     assert set(np.unique(second)) == {0, 1 + MICROWAVE}
+
+
+def test_in_part_3_the_answer_direction_marks_every_object_whatever_is_heard(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root = tiny_scenes.write_part_3(tmp_path / "set", keys=(tiny_scenes.FIRST,))
+    marker = DirectionMarker(**vars(scripted(monkeypatch, which="direction")))
+    for ids in marker.mark(Dataset(root)[tiny_scenes.FIRST].train, CPU):
+        middle = ids.shape[1] // 2
+        assert (ids[:, : middle - 2] == 1 + MICROWAVE).all()
+        assert (ids[:, middle + 2 :] == 1 + CLOCK).all()
 
 
 def test_the_answer_sounding_is_the_networks_mask(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
