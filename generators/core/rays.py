@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.runtime.imports import import_by_name, needing
+from avs3d_bench.runtime.one_thread import one_core
 from generators.core.scene import F32, I32, Scene
 
 #: Number of rays per call of Embree; its result arrays (32 bytes a ray) then fit into a core's cache.
@@ -64,10 +65,11 @@ class Tracer:
             self._scene = last[1]
             return
         _last = last = None  # frees the memory before the next is built
-        self._scene = EmbreeScene(robust=True)
-        TriangleMesh(self._scene, triangles)
-        # The first query commits (builds) the scene: done here, so that later queries only read and may share threads.
-        self._scene.run(np.zeros((1, 3), dtype=np.float32), np.ones((1, 3), dtype=np.float32))
+        with one_core():  # else each process begins as many threads as there are cores
+            self._scene = EmbreeScene(robust=True)
+            TriangleMesh(self._scene, triangles)
+            # The first query commits (builds) the scene: done here, so that later ones only read and may share threads.
+            self._scene.run(np.zeros((1, 3), dtype=np.float32), np.ones((1, 3), dtype=np.float32))
         _last = digest, self._scene
 
     def intersect(self, origins: F32, directions: F32, far: F32 | None = None) -> dict[str, Any]:

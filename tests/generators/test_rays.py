@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -104,3 +109,21 @@ def test_bad_triangles_are_refused() -> None:
 def test_an_empty_list_of_rays_is_fine() -> None:
     distance, face = RayCaster(_scene()).closest((0, 0, 0), np.zeros((0, 3)))
     assert distance.shape == face.shape == (0,)
+
+
+_COUNTED = """
+import os
+import numpy as np
+from generators.core.rays import Tracer
+
+cores, before = os.sched_getaffinity(0), len(os.listdir("/proc/self/task"))
+Tracer(np.random.default_rng(0).normal(size=(20_000, 3, 3)).astype(np.float32))
+print(len(os.listdir("/proc/self/task")) - before, os.sched_getaffinity(0) == cores)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="threads are counted in /proc, which Linux has")
+def test_a_tracer_begins_no_thread_and_leaves_the_process_its_cores() -> None:
+    variables = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    found = subprocess.run([sys.executable, "-c", _COUNTED], capture_output=True, text=True, check=True, env=variables)
+    assert found.stdout.split() == ["0", "True"]
