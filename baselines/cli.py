@@ -545,10 +545,11 @@ class _EchosegnetOptions:
         if self.listener_answer == "direction":
             from baselines.direction_alone import load_direction_marker
 
-            return NetworkMasks(load_direction_marker(self.listener_weights))
+            return NetworkMasks(load_direction_marker(self.listener_weights, hearing=self.sound))
         from baselines.listener.marks import load_marker
 
-        return NetworkMasks(load_marker(self.listener_weights, which=self.listener_answer or "category"))
+        which: Any = self.listener_answer or "category"
+        return NetworkMasks(load_marker(self.listener_weights, which=which, hearing=self.sound))
 
     def settings(self, source: AnySource) -> Settings:
         """Of the pipeline, for these masks."""

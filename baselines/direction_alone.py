@@ -38,7 +38,7 @@ from baselines.echosegnet.heard_categories import cluster_activity
 from baselines.listener.marks import EVERY, ListenerMarker, load_marker, of_category
 from baselines.listener.masks import Answer, log_odds, logit
 from baselines.listener.predict import ListenerMethod, clip_of
-from baselines.sound_control import SAID
+from baselines.sound_control import SAID, SoundControl
 
 if TYPE_CHECKING:
     import torch
@@ -258,9 +258,9 @@ def _objects(method: ListenerMethod, frame: Frame, answer: Answer) -> NDArray[np
     return np.where(mask, cv2.resize(ids, mask.shape[::-1], interpolation=cv2.INTER_NEAREST), np.uint8(0))
 
 
-def load_direction_marker(weights: Path | None = None) -> DirectionMarker:
+def load_direction_marker(weights: Path | None = None, *, hearing: SoundControl = "own") -> DirectionMarker:
     """A marker with the digest of its weights; raises as `listener.marks.load_marker`."""
-    return DirectionMarker(**vars(load_marker(weights, which="direction")))
+    return DirectionMarker(**vars(load_marker(weights, which="direction", hearing=hearing)))
 
 
 def some_of(walk: Sequence[views.RegisteredView]) -> tuple[views.RegisteredView, ...]:

@@ -23,7 +23,7 @@ from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.formats.files import read_json, write_json
 from avs3d_bench.formats.media import read_record
 from benchmarks.listener_summary import MISSING, share
-from benchmarks.listener_tables import HEARD, ROWS, RUN_JSON
+from benchmarks.listener_tables import HEARD, ROWS, RUN_JSON, Row
 from benchmarks.sound_rows import LISTEN_FIGURES, row_of
 
 #: Datasets of strict IoU in the docs: its name in files of scores → what differs.
@@ -160,16 +160,21 @@ def control_rows(found: Mapping[str, Any], data: str = "open-s34-o7") -> list[li
     def first(name: str, part: str, metric: str) -> str:
         return share(found[name][part][metric]["values"][0]) if name in found else MISSING
 
+    def answer_of(row: Row) -> str | None:
+        if row.kind in HEARD:
+            return "2d" if row.answer == "sounding" else row.answer
+        return "spatial" if row.setting == "spatial" and row.answer == "sounding" else None
+
     return [
         [
-            ANSWERS["2d" if row.answer == "sounding" else row.answer],
-            row.setting,
+            title,
+            row.sound,
             *(first(f"{data}-{row.name}", part, "strict_IoU") for part in PARTS),
             *(first(f"listen-{row.name}", "part_3", metric) for metric in ("twins", "pair_accuracy", "IoU")),
         ]
-        for answer in ("sounding", "direction", "both")
+        for answer, title in ANSWERS.items()
         for row in ROWS.values()
-        if row.kind in HEARD and row.answer == answer and {f"{data}-{row.name}", f"listen-{row.name}"} & found.keys()
+        if answer_of(row) == answer and {f"{data}-{row.name}", f"listen-{row.name}"} & found.keys()
     ]
 
 

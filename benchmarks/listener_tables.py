@@ -22,7 +22,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import click
 import numpy as np
@@ -43,17 +43,20 @@ from baselines.direction_alone import DirectionMethod, load_direction_marker
 from baselines.listener.marks import MARKING_LOOKS
 from baselines.listener.masks import Answer
 from baselines.listener.predict import ListenerMethod
+from baselines.sound_control import SoundControl
 
 if TYPE_CHECKING:
     from baselines.echosegnet.network_masks import NetworkMasks
     from baselines.echosegnet.pipeline import Settings
     from baselines.echosegnet.voting_stage import Variant
 
-Kind = Literal["truth", "listener", "controls", "echosegnet"]
+Kind = Literal["truth", "listener", "controls", "echosegnet", "controls-3d"]
 #: File with what was run, beside the scores.
 RUN_JSON = "listener-run.json"
-#: Kinds of rows that are the network's answers in 2D; `Row.setting` is what it hears.
+#: Kinds of rows that are the network's answers in 2D.
 HEARD = ("listener", "controls")
+#: Kinds of rows of EchoSegnet. Controls share the trained Gaussians.
+LIFTED = ("echosegnet", "controls-3d")
 #: What rows hear from another observation, which the data may lack: such rows are left out.
 OTHER_OBSERVATION = ("same-category", "other-category")
 #: Processes that share the GPUs for the rows in 2D, at most: decoding and writing pictures takes most of the time.
@@ -68,22 +71,24 @@ class Row:
         name: in file names.
         title: in tables.
         kind: what computes it; ``--rows`` takes kinds and names.
-        setting: of what computes it: instance or deaf oracle, hearing, or variant.
+        setting: of what computes it: instance or deaf oracle, or variant; none of the network's answers in 2D.
         scenes: whether it is for part_3 alone.
         answer: of ``avs3d baseline listener --answer``; of rows of EchoSegnet, ``direction`` marks the train frames in
             place of the run's answer.
+        sound: what is heard, by the network and where EchoSegnet chooses.
     """
 
     name: str
     title: str
     kind: Kind
-    setting: str
+    setting: str = ""
     scenes: bool = False
     answer: Literal["sounding", "direction", "both"] = "sounding"
+    sound: SoundControl = "own"
 
 
 #: What other sound a row hears: name of the row → name of the control, title.
-_OTHER_SOUND = {
+_OTHER_SOUND: dict[str, tuple[SoundControl, str]] = {
     "no-sound": ("none", "without sound"),
     "wrong-sound": ("other-category", "with wrong sound"),
     "same-category": ("same-category", "with the same category in another home"),
@@ -100,21 +105,28 @@ ROWS = {
         Row("category", "true masks of the category that is heard", "truth", "category"),
         Row("deaf-all", "deaf oracle: every instance", "truth", "all", scenes=True),
         Row("deaf-single", "deaf oracle: best single instance", "truth", "single", scenes=True),
-        Row("2d", "listener, 2D", "listener", "own"),
-        *(Row(name, f"listener, 2D, {title}", "listener", control) for name, (control, title) in _OTHER_SOUND.items()),
-        *(Row(answer, title, "listener", "own", answer=answer) for answer, title in _ANSWERS.items()),
+        Row("2d", "listener, 2D", "listener"),
         *(
-            Row(f"{answer}-{name}", f"{said}, {title}", "controls", control, answer=answer)
+            Row(name, f"listener, 2D, {title}", "listener", sound=sound)
+            for name, (sound, title) in _OTHER_SOUND.items()
+        ),
+        *(Row(answer, title, "listener", answer=answer) for answer, title in _ANSWERS.items()),
+        *(
+            Row(f"{answer}-{name}", f"{said}, {title}", "controls", answer=answer, sound=sound)
             for answer, said in _ANSWERS.items()
-            for name, (control, title) in _OTHER_SOUND.items()
+            for name, (sound, title) in _OTHER_SOUND.items()
         ),
         Row("no-aisrm", "listener + EchoSegnet without AISRM", "echosegnet", "no-aisrm"),
         Row("official", "listener + EchoSegnet official", "echosegnet", "official"),
         Row("spatial", "listener + EchoSegnet spatial", "echosegnet", "spatial"),
         Row("spatial-direction", "direction alone + EchoSegnet spatial", "echosegnet", "spatial", answer="direction"),
+        *(
+            Row(f"spatial-{name}", f"listener + EchoSegnet spatial, {title}", "controls-3d", "spatial", sound=sound)
+            for name, (sound, title) in _OTHER_SOUND.items()
+        ),
     )
 }
-KINDS = ("truth", "listener", "controls", "echosegnet")
+KINDS: tuple[Kind, ...] = get_args(Kind)
 
 
 @dataclass(frozen=True)
@@ -166,14 +178,14 @@ class Plan:
             found |= {"refine": self.refine, "looks": self.looks}
             if row.answer != "sounding":
                 found["answer"] = row.answer
-        if row.kind == "echosegnet":
+        if row.kind in LIFTED:
             from baselines.echosegnet.pipeline import is_relative
 
             found |= {
                 "answer": lifted_answer(row, self),
                 "iterations": self.iterations,
                 "max_gaussians": self.max_gaussians,
-            }
+            } | ({} if row.sound == "own" else {"sound": row.sound})
             source, settings = lifting(row, self)
             found |= {"looks": MARKING_LOOKS, "voting_threshold": settings.voting_threshold}
             if is_relative(settings.variant, source):
@@ -216,7 +228,7 @@ def _write_observation(root: Path, folders: dict[Row, SubmissionFolder], plan: P
     """Write the masks of several rows that hear the same, in a worker process on one of the devices."""
     frames = Observation(root, key).test
     found = _network(plan.weights, plan.devices[os.getpid() % len(plan.devices)], plan.refine, plan.looks)
-    (hearing,) = {row.setting for row in folders}
+    (hearing,) = {row.sound for row in folders}
     network = OneLook(**{**vars(found), "hearing": hearing})
     by_place = DirectionMethod(network)
     for row, folder in folders.items():
@@ -231,7 +243,7 @@ def _write_heard(dataset: Dataset, label: str, rows: Sequence[Row], plan: Plan) 
         folders: dict[Row, SubmissionFolder] = {}
         for row in rows:
             entry = "listener.predict:write_listener" if row.answer == "sounding" else "direction_alone:write_direction"
-            network = replace(_network(plan.weights, "cpu", plan.refine, plan.looks), hearing=row.setting)  # type: ignore[arg-type]
+            network = replace(_network(plan.weights, "cpu", plan.refine, plan.looks), hearing=row.sound)
             writer = SubmissionWriter(
                 plan.submission(label, row),
                 dataset,
@@ -271,7 +283,7 @@ def together(rows: Iterable[Row]) -> list[list[Row]]:
     """Rows that are computed together: in 2D those that hear the same, since they share the network's answers."""
     found: dict[str, list[Row]] = {}
     for row in rows:
-        found.setdefault(row.setting if row.kind in HEARD else row.name, []).append(row)
+        found.setdefault(row.sound if row.kind in HEARD else row.name, []).append(row)
     return list(found.values())
 
 
@@ -289,14 +301,17 @@ def lifting(row: Row, plan: Plan) -> tuple[NetworkMasks, Settings]:
     from baselines.listener.marks import load_marker
 
     answer = lifted_answer(row, plan)
-    marker = load_direction_marker(plan.weights) if answer == "direction" else load_marker(plan.weights, which=answer)
-    source = NetworkMasks(marker)
+    if answer == "direction":
+        source = NetworkMasks(load_direction_marker(plan.weights, hearing=row.sound))
+    else:
+        source = NetworkMasks(load_marker(plan.weights, which=answer, hearing=row.sound))
     variant: Variant = "spatial" if row.setting == "spatial" else "official"
     density = DensityControl(max_gaussians=plan.max_gaussians)
     settings = Settings(
         variant=variant,
         voting_threshold=default_threshold(variant, source),
         refine=row.setting != "no-aisrm",
+        sound=row.sound,
         training=TrainingSettings(iterations=plan.iterations, density=density),
     )
     return source, settings
@@ -375,7 +390,7 @@ def run_all(roots: dict[str, Path], rows: Sequence[Row], plan: Plan) -> list[str
             try:
                 found = run_rows(label, dataset, wanted, plan)
             except Avs3dError as error:
-                if isinstance(error, UsageError) and some[0].setting in OTHER_OBSERVATION:
+                if isinstance(error, UsageError) and some[0].sound in OTHER_OBSERVATION:
                     click.echo(f"{label}: {', '.join(row.name for row in wanted)}: left out: {error}")
                     continue
                 failed += [f"{label}-{row.name}: {error}" for row in wanted]

@@ -72,7 +72,7 @@ class Settings:
     Attributes:
         variant: ``official`` or ``spatial``.
         refine: choose among clusters by sound (AISRM); without it every labelled Gaussian stays.
-        sound: what is heard when it chooses; masks of a network hear their own sound.
+        sound: what is heard when it chooses; a network that makes the masks is told by itself what it hears.
         voting_threshold: a Gaussian is labelled if more than this share of its votes is for it (`default_threshold`).
         decompose_every: decomposition looks at every so many train views.
         training: of the Gaussians.

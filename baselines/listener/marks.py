@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     import torch
 
     from baselines.listener.weights import Calibration
+    from baselines.sound_control import SoundControl
 
 #: Which of the network's answers is the mask.
 Which = Literal["sounding", "category", "direction"]
@@ -53,12 +54,14 @@ class ListenerMarker:
         digest: sha256 of the weights.
         which: see the module.
         calibration: of the weights, if they name one; it has the thresholds.
+        hearing: what the network hears in place of a frame's own sound.
     """
 
     weights: Path | None
     digest: str
     which: Which = "category"
     calibration: Calibration | None = None
+    hearing: SoundControl = "own"
 
     @property
     def threshold(self) -> float:
@@ -86,6 +89,7 @@ class ListenerMarker:
     def settings(self) -> dict[str, str | float]:
         """Everything besides the software and the frames that decides the masks."""
         found: dict[str, str | float] = {"weights": self.digest, "answer": self.which, "threshold": self.threshold}
+        found |= {} if self.hearing == "own" else {"sound": self.hearing}
         return found | ({} if self.share is None else {"share": self.share}) | {"looks": MARKING_LOOKS}
 
     @property
@@ -99,7 +103,8 @@ class ListenerMarker:
         Raises:
             Avs3dError: if the weights are others than those of ``digest``.
         """
-        method = replace(_method(self.weights, str(device)), threshold=self.threshold, share=self.share)
+        kept = _method(self.weights, str(device))
+        method = replace(kept, threshold=self.threshold, share=self.share, hearing=self.hearing)
         if method.digest != self.digest:
             raise Avs3dError(
                 f"{self.weights or 'weights of the package'}: sha256 {method.digest[:12]}…, expected "
@@ -161,7 +166,9 @@ def _method(weights: Path | None, device: str) -> ListenerMethod:
     return load_method(weights, device=device, looks=MARKING_LOOKS)
 
 
-def load_marker(weights: Path | None = None, *, which: Which = "category") -> ListenerMarker:
+def load_marker(
+    weights: Path | None = None, *, which: Which = "category", hearing: SoundControl = "own"
+) -> ListenerMarker:
     """A marker with the digest of its weights.
 
     Raises:
@@ -171,4 +178,4 @@ def load_marker(weights: Path | None = None, *, which: Which = "category") -> Li
 
     path = None if weights is None else weights.absolute()
     found = read_weights(path)
-    return ListenerMarker(path, found.digest, which, found.calibration)
+    return ListenerMarker(path, found.digest, which, found.calibration, hearing)

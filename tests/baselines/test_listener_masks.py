@@ -136,6 +136,16 @@ def test_in_part_3_the_answer_direction_marks_every_object_whatever_is_heard(
         assert (ids[:, middle + 2 :] == 1 + CLOCK).all()
 
 
+@pytest.mark.parametrize("kind", [ListenerMarker, DirectionMarker])
+def test_a_control_of_sound_is_what_the_network_hears_and_part_of_the_settings(
+    monkeypatch: pytest.MonkeyPatch, kind: type[ListenerMarker]
+) -> None:
+    own = kind(**vars(scripted(monkeypatch)))
+    swapped = replace(own, hearing="swapped-ears")
+    assert (own.method(CPU).hearing, swapped.method(CPU).hearing) == ("own", "swapped-ears")
+    assert dict(swapped.settings) == dict(own.settings) | {"sound": "swapped-ears"}
+
+
 def test_the_answer_sounding_is_the_networks_mask(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     marker = scripted(monkeypatch, which="sounding")
     assert not any(ids.any() for ids in marker.mark(Dataset(data)[tiny.SINGLE].train, CPU))

@@ -16,6 +16,7 @@ torch = pytest.importorskip("torch", reason="torch is not installed: the listene
 
 from baselines import sound_control  # noqa: E402
 from baselines.listener import weights  # noqa: E402
+from baselines.listener.marks import ListenerMarker  # noqa: E402
 from baselines.listener.model import Listener  # noqa: E402
 from benchmarks import listener_failures, listener_page, listener_tables  # noqa: E402
 from benchmarks.listener_tables import ROWS, RUN_JSON, labelled, rows_of  # noqa: E402
@@ -55,10 +56,22 @@ def test_the_rows_of_a_kind_or_a_name() -> None:
     assert set(listener_tables.KINDS) == {row.kind for row in ROWS.values()}
     controls = rows_of(["controls"])
     assert len(controls) == 10
-    assert {(row.name, row.answer, row.setting) for row in controls} > {
+    assert {(row.name, row.answer, row.sound) for row in controls} > {
         ("both-no-sound", "both", "none"),
         ("direction-swapped-ears", "direction", "swapped-ears"),
     }
+    assert [row.name for row in rows_of(["controls-3d"])] == [f"spatial-{name}" for name in CONTROLS[:5]]
+
+
+def test_a_control_of_echosegnet_reaches_its_network_and_its_choice(tmp_path: Path) -> None:
+    plan = listener_tables.Plan(tmp_path, tmp_path, None, "", "category", ("cpu",), 1, 10, None, ())
+    for row in rows_of(["controls-3d"]):
+        source, settings = listener_tables.lifting(row, plan)
+        assert isinstance(source.marker, ListenerMarker)
+        assert source.marker.hearing == settings.sound == row.sound == plan.said(row)["sound"] != "own"
+    (row,) = rows_of(["spatial-direction"])
+    assert plan.said(row)["answer"] == "direction"
+    assert listener_tables.lifting(row, plan)[0].name == "listener (direction)"
 
 
 def test_labels_are_names_of_folders_unless_they_are_given(tmp_path: Path) -> None:
