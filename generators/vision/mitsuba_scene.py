@@ -20,6 +20,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -28,6 +29,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
+from generators.core.cuda import OutOfDeviceMemoryError
 from generators.core.rays import Tracer
 from generators.core.scene import Material, Mesh, Room, Scene
 from generators.core.tone import decode_table, inverse_tone_curve
@@ -46,6 +48,10 @@ _SUN_DISTANCE = 1e5
 MAX_DEPTH = 32
 #: Steps in a stop in which the light of photographs is told apart, and the least light that counts.
 STEPS, LEAST_LIGHT = 2, 2.0**-8
+_FULL = (
+    "path tracing: the GPU has too little free memory; expected up to 4 GB for each process with pictures of 1008²; "
+    "use fewer --workers or a smaller --size, end other programs on it, or name another GPU in $CUDA_VISIBLE_DEVICES"
+)
 #: From this reflection on a path ends by chance, with the probability that its light is absorbed.
 ROULETTE_DEPTH = 3
 
@@ -55,6 +61,7 @@ def load_mitsuba(*variants: str) -> Any:
 
     Raises:
         Avs3dError: if Mitsuba is not installed, or has no such variant, or none works.
+        OutOfDeviceMemoryError: if a variant that comes before all that work has no memory on its GPU.
     """
     try:
         import mitsuba as mi
@@ -66,10 +73,12 @@ def load_mitsuba(*variants: str) -> Any:
     for name in wanted:
         if name not in mi.variants():
             raise Avs3dError(f"mitsuba: no variant {name!r}; expected some of {', '.join(mi.variants())}")
-        if name.startswith("scalar") or _works(name):
+        if name.startswith("scalar") or (failure := _failure(name)) is None:
             mi.set_variant(name)
             mi.set_log_level(mi.LogLevel.Error)
             return mi
+        if _says_out_of_memory(failure):
+            raise OutOfDeviceMemoryError(_FULL)  # not the next variant: it would take a hundred times as long
     raise Avs3dError(
         f"mitsuba: none of its variants {', '.join(wanted)} works here; expected an NVIDIA GPU with its driver, or an "
         "LLVM library of version 16 or newer (Debian and Ubuntu: apt install libllvm19), which $DRJIT_LIBLLVM_PATH "
@@ -77,13 +86,33 @@ def load_mitsuba(*variants: str) -> Any:
     )
 
 
-def _works(variant: str) -> bool:
-    """Whether a variant can compute anything: with too old an LLVM it ends the process, hence one of its own."""
+@contextmanager
+def device_memory() -> Iterator[None]:
+    """What Dr.Jit says where a GPU is full becomes one line.
+
+    Raises:
+        OutOfDeviceMemoryError: in its place.
+    """
+    try:
+        yield
+    except RuntimeError as error:
+        if _says_out_of_memory(str(error)):
+            raise OutOfDeviceMemoryError(_FULL) from error
+        raise
+
+
+def _says_out_of_memory(text: str) -> bool:
+    """Whether a message of Dr.Jit or of CUDA (``CUDA_ERROR_OUT_OF_MEMORY``) is about memory."""
+    return "out of memory" in text.lower().replace("_", " ")
+
+
+def _failure(variant: str) -> str | None:
+    """What a variant says that cannot compute: with too old an LLVM it ends the process, hence one of its own."""
     program = (
         f"import mitsuba as mi; mi.set_variant({variant!r}); mi.render(mi.load_dict(mi.cornell_box()), spp=1).numpy()"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, check=False)
-    return done.returncode == 0
+    return None if done.returncode == 0 else done.stderr.decode(errors="replace")
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,7 +34,7 @@ from generators.core.scene import F32, Material, Part, Scene
 from generators.core.tone import WHITE, develop
 from generators.vision.base import RenderedView
 from generators.vision.embree import EmbreeBackend
-from generators.vision.mitsuba_scene import MAX_DEPTH, ROULETTE_DEPTH, MitsubaScene, load_mitsuba
+from generators.vision.mitsuba_scene import MAX_DEPTH, ROULETTE_DEPTH, MitsubaScene, device_memory, load_mitsuba
 from generators.vision.views import check_camera, pose_number, room_at, trial_scene, view_of
 
 #: Paths a pixel, for each of the two scenes (lamps and sky; the sun).
@@ -215,7 +215,15 @@ class _Paths:
         self._programs, self._room = [], None
 
     def trace(self, pose: Pose) -> F32:
-        """Exposed radiance, albedo and normal (3, H, W, 3), summed over the paths of each pixel."""
+        """Exposed radiance, albedo and normal (3, H, W, 3), summed over the paths of each pixel.
+
+        Raises:
+            OutOfDeviceMemoryError: if the scene or the paths do not fit on the GPU.
+        """
+        with device_memory():
+            return self._traced(pose)
+
+    def _traced(self, pose: Pose) -> F32:
         blocks = self._begun(pose)
         height, width = self._intrinsics.height, self._intrinsics.width
         sums = np.empty((3, len(blocks) * self._rows * width, 3), dtype=np.float32)

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from avs3d_bench.errors import Avs3dError
-from generators.vision.mitsuba_scene import load_mitsuba
+from generators.core.cuda import OutOfDeviceMemoryError
+from generators.vision.mitsuba_scene import device_memory, load_mitsuba
 
 STAND_IN = """
 import os
@@ -59,6 +60,30 @@ def test_too_old_an_llvm_is_one_line_that_names_the_version_and_the_variable() -
     assert "\n" not in message
     for told in ("LLVM library of version 16 or newer", "apt install libllvm19", "$DRJIT_LIBLLVM_PATH", "NVIDIA GPU"):
         assert told in message
+
+
+@pytest.mark.parametrize(
+    "said", ["jit_malloc(): out of memory! Could not allocate 4096 bytes", "CUDA_ERROR_OUT_OF_MEMORY"]
+)
+def test_a_gpu_without_memory_is_one_line_and_no_slower_variant(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, old_llvm: None, said: str
+) -> None:
+    full = STAND_IN.replace(
+        'if name != "scalar_rgb":', f'if name == "cuda_ad_rgb":\n        raise RuntimeError({said!r})'
+    )
+    (tmp_path / "mitsuba.py").write_text(full, encoding="utf-8")
+    with pytest.raises(
+        OutOfDeviceMemoryError, match=r"too little free memory.*--workers.*CUDA_VISIBLE_DEVICES"
+    ) as caught:
+        load_mitsuba("cuda_ad_rgb", "llvm_ad_rgb")
+    assert "\n" not in str(caught.value)
+
+
+def test_memory_that_runs_out_while_paths_are_followed_is_the_same_line() -> None:
+    with pytest.raises(OutOfDeviceMemoryError, match="too little free memory"), device_memory():
+        raise RuntimeError("jit_malloc(): out of memory! Could not allocate 268435456 bytes of device memory.")
+    with pytest.raises(RuntimeError, match="another"), device_memory():
+        raise RuntimeError("another failure")
 
 
 @pytest.mark.usefixtures("old_llvm")
