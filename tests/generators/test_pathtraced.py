@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -15,12 +17,13 @@ from avs3d_bench.geometry import Intrinsics, Pose
 from benchmarks import pathtraced_cost
 from generators.assets.shapes import MeshBuilder
 from generators.core.scene import Material, Part, Room, Scene, StageFile, Texture
-from generators.core.tone import develop
+from generators.core.tone import develop, inverse_tone_curve, srgb_decode
 from generators.scenes.renderer import Renderer
 from generators.vision import pathtraced
 from generators.vision.embree import EmbreeBackend
 from generators.vision.mitsuba_scene import MitsubaScene, load_mitsuba
 from tests.generators.test_light import LAMP, SIZE, box_room, ceiling_lamp, matte, scene_of
+from tests.support.homes import tree_digest, write_manifest
 
 pytestmark = pytest.mark.slow
 
@@ -218,6 +221,46 @@ def test_a_scan_is_shown_as_it_was_photographed(backend: pathtraced.PathtracedBa
     scene = replace(scene_of(wall.mesh), stage=StageFile(tmp_path / "scan.glb"), exposure=0.3)
     found = picture(backend, scene, AHEAD)
     assert np.abs(found.astype(int) - (180, 120, 60)).max() <= 1
+
+
+def test_an_object_in_a_scan_is_lit_by_what_the_scan_shows(
+    backend: pathtraced.PathtracedBackend, tmp_path: Path
+) -> None:
+    """A scan fills the half space behind the camera: a matte object before it reflects ρ times what the scan shows."""
+    around = Material("scan", "plaster", texture=Texture("t", np.full((4, 4, 3), 180, np.uint8)))
+    corners = [(-300, -300, 5), (-300, 300, 5), (300, 300, 5), (300, -300, 5)]
+    scan = Part("scan", MeshBuilder().quad(corners, around, fit=True).build())
+    thing = replace(plate(matte(0.5), 1.0), instance_id=3)
+    scene = replace(scene_of(), parts=(scan, thing), stage=StageFile(tmp_path / "scan.glb"))
+    found = picture(backend, scene, AHEAD)[11:13, 11:13].mean()
+    radiance = float(inverse_tone_curve(srgb_decode(180 / 255)))
+    # The scan's light is told apart in steps of half a stop.
+    low, high = (develop([0.5 * radiance * 2.0**step] * 3).mean() for step in (-0.3, 0.3))
+    assert low <= found <= high
+
+
+def test_what_moves_is_seen_where_it_is_in_each_second(backend: pathtraced.PathtracedBackend) -> None:
+    still = room_with_a_block()
+    *walls, block = still.parts
+    aside = replace(block, mesh=replace(block.mesh, positions=block.mesh.positions + np.float32([0.5, 0.0, 0.3])))
+    moved = replace(still, parts=(*walls, aside))
+    with Renderer(SimpleNamespace(moves=True, scene=lambda second: (still, moved)[second]), backend) as camera:
+        found = [camera.frame(POSE, CAMERA, second) for second in (0, 1, 0)]
+    for view, scene in zip(found, (still, moved, still), strict=True):
+        np.testing.assert_array_equal(view.rgb, picture(backend, scene))
+        np.testing.assert_array_equal(view.instance_ids, EmbreeBackend().open(scene, CAMERA).render(POSE).instance_ids)
+    assert (found[0].instance_ids != found[1].instance_ids).any()
+
+
+def test_two_workers_write_the_same_bytes_as_one(backend: pathtraced.PathtracedBackend, tmp_path: Path) -> None:
+    """Two observations in a room of a GLB file, each worker with a GPU or cores of its own to share."""
+    manifest, roots = write_manifest(tmp_path), [tmp_path / "one", tmp_path / "two"]
+    for number, root in enumerate(roots):
+        command = [sys.executable, "-m", "avs3d_bench", "generate", manifest, "-o", root, "--vision", "pathtraced"]
+        command += ["--audio", "analytic", "--size", "24", "--frames", "9", "--workers", number + 1]
+        done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+    assert tree_digest(roots[0]) == tree_digest(roots[1])
 
 
 def test_no_variant_that_works_is_one_line() -> None:
