@@ -108,8 +108,8 @@ def test_a_bare_machine_has_every_missing_thing_named_with_its_remedy(monkeypatc
     missing = {f.name for f in findings if f.state == "missing"}
     assert missing >= {
         "embreex", "numba", "numba-cuda", "trimesh", "xatlas", "rlr-audio-propagation", "habitat-sim", "scans",
-        "Sweet Home 3D", "Sketchfab", "Freesound", "torch", "CUDA", "gsplat", "transformers", "scikit-learn",
-        "checkpoints",
+        "mitsuba", "Sweet Home 3D", "Sketchfab", "Freesound", "torch", "CUDA", "gsplat", "transformers",
+        "scikit-learn", "checkpoints",
     }  # fmt: skip
     assert not [f for f in findings if f.state == "broken"]
     assert all(f.fix for f in findings if f.state == "missing")

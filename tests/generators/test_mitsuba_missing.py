@@ -12,6 +12,7 @@ import pytest
 
 from avs3d_bench.errors import Avs3dError
 from generators.core.cuda import OutOfDeviceMemoryError
+from generators.run.doctor import checks
 from generators.vision.mitsuba_scene import device_memory, load_mitsuba
 
 STAND_IN = """
@@ -84,6 +85,16 @@ def test_memory_that_runs_out_while_paths_are_followed_is_the_same_line() -> Non
         raise RuntimeError("jit_malloc(): out of memory! Could not allocate 268435456 bytes of device memory.")
     with pytest.raises(RuntimeError, match="another"), device_memory():
         raise RuntimeError("another failure")
+
+
+@pytest.mark.usefixtures("old_llvm")
+def test_doctor_says_that_the_llvm_is_too_old_and_what_to_install() -> None:
+    (check,) = (check for check in checks() if check.name == "mitsuba")
+    (found,) = check.run()
+    assert (found.state, found.name) == ("broken", "mitsuba")
+    assert "LLVM library of version 16 or newer" in found.found
+    assert "apt install libllvm19" in found.fix
+    assert "\n" not in found.found
 
 
 @pytest.mark.usefixtures("old_llvm")
