@@ -25,6 +25,15 @@ _RATE = click.FloatRange(0.0, 1.0)
 #: `baselines.sound_control.SOUND_CONTROLS`, without the time that its import takes.
 _SOUND_CONTROLS = ("own", "none", "swapped-ears", "both-ears-mean", "same-category", "other-category")
 _SOUND_HELP = "What it hears in place of the frame's own sound, to see what it takes from the sound."
+
+
+def _sound_option(name: str) -> Callable[[_F], _F]:
+    """``--sound`` as the parameter ``name``."""
+    return click.option(
+        "--sound", name, type=click.Choice(_SOUND_CONTROLS), default="own", show_default=True, help=_SOUND_HELP
+    )
+
+
 #: Of a file of answers.
 _ANSWERS = Signature(start=b'{"id":"q', marks=(b'","answer":"',))
 _F = TypeVar("_F", bound=Callable[..., Any])
@@ -227,15 +236,16 @@ def _owod_bind_options(command: _F) -> _F:
     "--split", type=click.Choice(["test", "train"]), default="test", show_default=True,
     help="test writes a submission, train a folder of masks for `echosegnet --masks`.",
 )  # fmt: skip
+@_sound_option("hearing")
 def owod_bind(
     root: Path,
     path: Path,
     only: tuple[str, ...],
     overwrite: bool,
-    threshold: float,
-    device: str | None,
     split: Any,
+    hearing: Any,
     networks: dict[str, Any],
+    **settings: Any,
 ) -> None:
     """Run OWOD-BIND, frame by frame: class-agnostic boxes, SAM, audio-visual similarity.
 
@@ -244,7 +254,7 @@ def owod_bind(
     from avs3d_bench.dataset import Dataset
     from baselines.owod_bind.run import load_owod_bind, write_mask_folder, write_owod_bind
 
-    model = load_owod_bind(device=device, threshold=threshold, **networks)
+    model = replace(load_owod_bind(**settings, **networks), hearing=hearing)
     progress = sys.stderr.isatty()
     if split == "train":
         count = write_mask_folder(Dataset(root), path, model, only=only, progress=progress)
@@ -280,15 +290,16 @@ def _foundation_options(command: _F) -> _F:
 )  # fmt: skip
 @click.option("--device", default=None, help="cpu, cuda:0, … [CUDA where there is one].")
 @click.option("--dry-run", is_flag=True, help="Print what would be loaded, and stop.")
+@_sound_option("hearing")
 def foundation(
     root: Path,
     path: Path,
     only: tuple[str, ...],
     overwrite: bool,
     folders: dict[str, Any],
-    segmenter: Any,
-    device: str | None,
     dry_run: bool,
+    hearing: Any,
+    **settings: Any,
 ) -> None:
     """Run foundation models: CLAP names the sound, SAM 3 segments the name, poses join, both ears choose.
 
@@ -298,10 +309,10 @@ def foundation(
     from baselines.foundation import run
 
     if dry_run:
-        for line in run.dry_run(segmenter, folders):
+        for line in run.dry_run(settings["segmenter"], folders):
             click.echo(line)
         return
-    model = run.load_foundation(segmenter=segmenter, folders=folders, device=device)
+    model = replace(run.load_foundation(folders=folders, **settings), hearing=hearing)
     progress = sys.stderr.isatty()
     _done(run.write_foundation(Dataset(root), path, model, only=only, overwrite=overwrite, progress=progress))
 
@@ -315,21 +326,21 @@ def foundation(
     help="Scope of the minimum and maximum of the similarity.",
 )  # fmt: skip
 @click.option("--device", default=None, help="cpu, cuda:0, … [CUDA where there is one].")
+@_sound_option("hearing")
 def denseav(
     root: Path,
     path: Path,
     only: tuple[str, ...],
     overwrite: bool,
     checkpoint: Path | None,
-    threshold: float,
-    normalise: Any,
-    device: str | None,
+    hearing: Any,
+    **settings: Any,
 ) -> None:
     """Run DenseAV (Hamilton et al. 2024), frame by frame, through its own package and a local checkpoint."""
     from avs3d_bench.dataset import Dataset
     from baselines.denseav import load_denseav, write_denseav
 
-    model = load_denseav(checkpoint, device=device, threshold=threshold, normalise=normalise)
+    model = replace(load_denseav(checkpoint, **settings), hearing=hearing)
     _done(write_denseav(Dataset(root), path, model, only=only, overwrite=overwrite, progress=sys.stderr.isatty()))
 
 
@@ -354,9 +365,7 @@ def denseav(
     "--calibrated/--uncalibrated", default=True, show_default=True,
     help="Whether probabilities and threshold are those that the weights name, if they name some.",
 )  # fmt: skip
-@click.option(
-    "--sound", "hearing", type=click.Choice(_SOUND_CONTROLS), default="own", show_default=True, help=_SOUND_HELP
-)  # fmt: skip
+@_sound_option("hearing")
 @click.option(
     "--soft-masks", "soft", type=OUTPUT_FOLDER, default=None, metavar="FOLDER",
     help="Also write the probability of each pixel, as PNG with 8 bits of grey, for `avs3d metrics --soft`.",
@@ -413,9 +422,7 @@ def listener(
     help="As released, or with occlusion-aware votes and the likelihood of what both ears heard; the training is one.",
 )  # fmt: skip
 @click.option("--no-aisrm", is_flag=True, help="Keep every labelled Gaussian, ignoring the sound.")
-@click.option(
-    "--sound", type=click.Choice(_SOUND_CONTROLS), default="own", show_default=True, help=_SOUND_HELP
-)  # fmt: skip
+@_sound_option("sound")
 @click.option(
     "--voting-threshold", type=click.FloatRange(0.0, 1.0, max_open=True), default=None, metavar="SHARE",
     help="A Gaussian is labelled above this share of its votes [0.3]; with --variant spatial --masks listener, above "
@@ -475,7 +482,7 @@ def echosegnet(
         from baselines.owod_bind.run import load_owod_bind, write_mask_folder
 
         folder = Path(shared["work"]) / "owod-bind"
-        model = load_owod_bind(device=shared["devices"][0], **networks)
+        model = replace(load_owod_bind(device=shared["devices"][0], **networks), hearing=options.sound)
         write_mask_folder(Dataset(root), folder, model, only=only, progress=shared["progress"])
         options = replace(options, masks=str(folder))
     source = options.source()

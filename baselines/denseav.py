@@ -48,6 +48,7 @@ from baselines.networks.checkpoints import find_checkpoint, loading, require_pac
 from baselines.networks.device import enough_memory, inference, pick_device
 from baselines.networks.pixels import IMAGENET_MEAN, IMAGENET_STD, normalise, resize
 from baselines.networks.sound import check_clip, resample
+from baselines.sound_control import SoundControl, mono_of, named
 
 if TYPE_CHECKING:
     import torch
@@ -96,6 +97,7 @@ class DenseAv:
         threshold: of the normalised map.
         normalise: over all test frames of an observation, or over every frame on its own.
         checkpoint: the weights' name, for submission.json.
+        hearing: what is heard in place of a frame's own sound.
     """
 
     network: Network
@@ -103,6 +105,7 @@ class DenseAv:
     threshold: float = THRESHOLD
     normalise: Normalise = "observation"
     checkpoint: str = ""
+    hearing: SoundControl = "own"
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.threshold < 1.0:
@@ -119,7 +122,7 @@ class DenseAv:
         maps: list[Similarity] = []
         for start in range(0, len(frames), BATCH):
             part = frames[start : start + BATCH]
-            clips = [check_clip(frame.mono(), _where(frame)) for frame in part]
+            clips = [check_clip(mono_of(frame, self.hearing), _where(frame)) for frame in part]
             pixels = [prepare(frame.rgb()) for frame in part]
             sounds = [resample(clip, layout.SAMPLE_RATE, RATE) for clip in clips]
             with inference(self.device, _where(part[0])):
@@ -143,7 +146,7 @@ class DenseAv:
 
     def masks(self, frames: Sequence[Frame]) -> list[Mask]:
         """The mask (H, W) of each of the frames of one observation; empty where the clip is digital silence."""
-        heard = [check_clip(frame.mono(), _where(frame)).any() for frame in frames]
+        heard = [check_clip(mono_of(frame, self.hearing), _where(frame)).any() for frame in frames]
         if not all(heard):
             found = iter(self.masks([frame for frame, sounds in zip(frames, heard, strict=True) if sounds]))
             empty = [np.zeros(frame_size(frame), np.bool_) for frame in frames]
@@ -259,5 +262,6 @@ def write_denseav(
         UsageError: if no observation matches, or the target is not free.
         Avs3dError: if a file is missing or damaged, memory runs out, or the system refuses.
     """
-    method = Method("DenseAV", model.masks, notes=model.notes, entry="baselines.denseav:write_denseav")
+    name = named("DenseAV", model.hearing)
+    method = Method(name, model.masks, notes=model.notes, entry="baselines.denseav:write_denseav")
     return write_submission(dataset, path, method, only=only, overwrite=overwrite, progress=progress)

@@ -38,7 +38,7 @@ from baselines.echosegnet.heard_categories import cluster_activity
 from baselines.listener.marks import EVERY, ListenerMarker, load_marker, of_category
 from baselines.listener.masks import Answer, log_odds, logit
 from baselines.listener.predict import ListenerMethod, clip_of
-from baselines.sound_control import SAID, SoundControl
+from baselines.sound_control import SoundControl, named
 
 if TYPE_CHECKING:
     import torch
@@ -354,7 +354,7 @@ def write_direction(
     """Write the masks of the test frames by direction, and by name with ``both``; see `predict.write_listener`."""
     name = {"direction": "Direction alone, no category", "both": "Listener, name and direction"}[cues]
     method = Method(
-        ", ".join(filter(None, (name, SAID[model.hearing]))),
+        named(name, model.hearing),
         DirectionMethod(model, cues).predictions,
         notes=f"objects by the picture alone, chosen by both ears{' and by name' * (cues == 'both')}; "
         f"weights {model.digest[:12]}",

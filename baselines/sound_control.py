@@ -52,6 +52,24 @@ def sound_of(frame: Frame, control: SoundControl = "own") -> NDArray[np.float32]
     return sound
 
 
+def mono_of(frame: Frame, control: SoundControl = "own") -> NDArray[np.float32]:
+    """(n,) the mono clip of a frame under a control, float32, for methods with one ear, which ears cannot change.
+
+    Raises:
+        UsageError: if the dataset has no other observation that the control asks for.
+        Avs3dError: if the file is missing or damaged.
+    """
+    if control in ("same-category", "other-category"):
+        return other_frame(frame, same_category=control == "same-category").mono()
+    sound = frame.mono()
+    return np.zeros_like(sound) if control == "none" else sound
+
+
+def named(method: str, control: SoundControl) -> str:
+    """The name of a method with what it hears in place of a frame's own sound, if anything."""
+    return ", ".join(filter(None, (method, SAID[control])))
+
+
 def sounds_of(frames: Sequence[Frame], control: SoundControl = "own") -> NDArray[np.float32]:
     """(T, 2, n) float32: the clips of T frames, or what a control puts in their place.
 

@@ -24,7 +24,7 @@ from baselines.echosegnet.network_masks import AnySource, NetworkMasks
 from baselines.echosegnet.pipeline import Settings, is_relative, predict
 from baselines.echosegnet.rasteriser.default import default_rasteriser
 from baselines.echosegnet.train import TrainingState
-from baselines.sound_control import SAID
+from baselines.sound_control import named
 
 __all__ = [
     "SWEEP",
@@ -76,7 +76,7 @@ def _provenance(source: AnySource) -> Provenance:
 def method_name(settings: Settings, source: AnySource) -> str:
     """E.g. ``EchoSegnet, spatial, masks: oracle (category)``."""
     kind = settings.variant if settings.refine else f"{settings.variant} without AISRM"
-    return ", ".join(filter(None, (f"EchoSegnet, {kind}, masks: {source.name}", SAID[settings.sound])))
+    return named(f"EchoSegnet, {kind}, masks: {source.name}", settings.sound)
 
 
 def runtime_of(settings: Settings, source: AnySource) -> dict[str, Scalar]:

@@ -23,7 +23,7 @@ from baselines.foundation.tracks import ObjectTrack, join, sighting
 from baselines.networks.checkpoints import CHECKPOINTS, find_checkpoint, require_packages
 from baselines.networks.device import enough_memory, inference, pick_device
 from baselines.networks.sound import check_clip
-from baselines.sound_control import sounds_of
+from baselines.sound_control import SoundControl, mono_of, named, sounds_of
 
 if TYPE_CHECKING:
     import torch
@@ -54,6 +54,7 @@ class Foundation:
         segmenter: segments what a text names.
         device: the `torch.device` they run on.
         checkpoints: name and sha256 of the weights, for submission.json.
+        hearing: what is heard in place of a frame's own sound.
 
     Examples:
         >>> model = load_foundation(folders={"clap": "weights/clap", "sam3": "weights/sam3"}, device="cpu")
@@ -67,6 +68,7 @@ class Foundation:
     segmenter: TextSegmenter
     device: torch.device
     checkpoints: tuple[str, ...] = ()
+    hearing: SoundControl = "own"
 
     def __call__(self, frames: Sequence[Frame]) -> list[Prediction]:
         """The masks of test frames of one observation; in part_3 with the categories.
@@ -94,7 +96,7 @@ class Foundation:
 
     def _posterior(self, frames: Sequence[Frame], names: Sequence[str]) -> Array:
         """(frames, categories + 1) posterior of each category and of all other sounds; zeros where nothing is heard."""
-        clips = [check_clip(frame.mono(), _where(frame)) for frame in frames]
+        clips = [check_clip(mono_of(frame, self.hearing), _where(frame)) for frame in frames]
         texts = [SENTENCE.format(f"a {words(name)}") for name in names] + [SENTENCE.format(one) for one in OTHER_SOUNDS]
         loud = [k for k, clip in enumerate(clips) if clip.any()]
         out = np.zeros((len(frames), len(names) + 1))
@@ -137,7 +139,7 @@ class Foundation:
             points = np.stack([track.point for _, _, track in tracks])
             rotation = np.stack([frame.pose.rotation_matrix for frame in ears])
             position = np.array([frame.pose.position for frame in ears])
-            cues = binaural.observe(sounds_of(ears))
+            cues = binaural.observe(sounds_of(ears, self.hearing))
             best = spatial.judge(points, np.arange(len(points)), rotation, position, cues).best
         category, masks, track = tracks[best]
         return [(one.frame, category, masks[one.frame].masks[one.index]) for one in track.sightings]
@@ -145,7 +147,7 @@ class Foundation:
     @property
     def method(self) -> str:
         """As tables name it."""
-        return f"foundation ({self.tagger.name}, {self.segmenter.name})"
+        return named(f"foundation ({self.tagger.name}, {self.segmenter.name})", self.hearing)
 
     @property
     def notes(self) -> str:

@@ -46,7 +46,7 @@ from baselines.listener.masks import (
 )
 from baselines.listener.shards import SIDE
 from baselines.networks.device import inference, pick_device
-from baselines.sound_control import SAID, SoundControl, sound_of
+from baselines.sound_control import SAID, SoundControl, named, sound_of
 
 #: Probability above which a pixel is marked; chosen on validation homes (docs/listener-training.md).
 THRESHOLD = 0.5
@@ -371,7 +371,7 @@ def write_listener(
         >>> [observation.key for observation in writer.observations]
         ['part_2/apartment_1/kitchen/1']
     """
-    name = ", ".join(filter(None, ("Listener", SAID[model.hearing])))
+    name = named("Listener", model.hearing)
     with ExitStack() as stack:
         root = None if soft is None else stack.enter_context(staged_folder(soft, _check_soft))
         predict = partial(model.predictions, soft=root)

@@ -26,6 +26,7 @@ from baselines.networks.pixels import Picture
 from baselines.networks.sound import check_clip
 from baselines.owod_bind import select
 from baselines.owod_bind.protocols import AudioVisualSimilarity, BoxProposer, Detections, Mask, MaskPredictor
+from baselines.sound_control import SoundControl, mono_of, named
 
 if TYPE_CHECKING:
     import torch
@@ -53,6 +54,7 @@ class OwodBind:
         min_score: of `select.keep_boxes`.
         max_side: of `select.keep_boxes`.
         checkpoints: the names of the weights' folders, for submission.json.
+        hearing: what is heard in place of a frame's own sound.
 
     Examples:
         >>> model = load_owod_bind(
@@ -73,6 +75,7 @@ class OwodBind:
     min_score: float = select.MIN_SCORE
     max_side: float = select.MAX_SIDE
     checkpoints: tuple[str, ...] = ()
+    hearing: SoundControl = "own"
 
     def __post_init__(self) -> None:
         for name in ("threshold", "min_score", "max_side"):
@@ -102,7 +105,7 @@ class OwodBind:
 
     def _mask(self, frame: Frame, picture: Picture, found: Detections) -> Mask:
         where, size = _where(frame), (picture.shape[0], picture.shape[1])
-        clip = check_clip(frame.mono(), where)
+        clip = check_clip(mono_of(frame, self.hearing), where)
         kept = select.keep_boxes(found, size, min_score=self.min_score, max_side=self.max_side)
         if not len(kept) or not clip.any():  # digital silence: nothing sounds, and a network may answer NaN
             return np.zeros(size, dtype=np.bool_)
@@ -120,7 +123,7 @@ class OwodBind:
     @property
     def method(self) -> str:
         """As tables name it."""
-        return f"OWOD-BIND ({self.boxes.name}, {self.masks.name}, {self.similarity.name})"
+        return named(f"OWOD-BIND ({self.boxes.name}, {self.masks.name}, {self.similarity.name})", self.hearing)
 
     @property
     def notes(self) -> str:

@@ -6,6 +6,7 @@ The package is not on PyPI; a tiny network with its interface takes the place of
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from avs3d_bench.contract import layout
-from avs3d_bench.dataset import Dataset
+from avs3d_bench.dataset import Dataset, Frame
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import media
-from baselines import denseav
+from baselines import denseav, sound_control
 from tests.support import tiny
 from tests.support.shared import SharedDataset
 
@@ -142,6 +143,24 @@ def test_every_frame_hears_its_own_clip(root: Path, tmp_path: Path, monkeypatch:
     together = model.similarity([one, two])
     for frame, values in zip((one, two), together, strict=True):
         np.testing.assert_allclose(model.similarity([frame])[0], values, rtol=1e-4, atol=1e-6)
+
+
+def test_a_control_of_sound_is_what_it_hears_and_says(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tiny_models.install_denseav(monkeypatch)
+    own = denseav.load_denseav(tiny_models.write_denseav(tmp_path / "random", redness=False), device="cpu")
+    other = replace(own, hearing="other-category")
+    first, *_, last = Dataset(root)
+    frame, heard = first.test[0], last.test[0].mono()
+    monkeypatch.setattr(sound_control, "other_frame", lambda *_, **__: last.test[0])
+    with monkeypatch.context() as patch:
+        patch.setattr(Frame, "mono", lambda _: heard)
+        expected = own.similarity([frame])[0]
+    np.testing.assert_array_equal(other.similarity([frame])[0], expected)
+    assert not replace(own, hearing="none").masks([frame])[0].any()
+    writer = denseav.write_denseav(Dataset(root), tmp_path / "out", other, only=[first.key])
+    assert writer.record.method == "DenseAV, heard another category"
 
 
 def test_the_submission_follows_the_rule(root: Path, tmp_path: Path, model: denseav.DenseAv) -> None:

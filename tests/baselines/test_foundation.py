@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -187,6 +188,21 @@ def test_the_ears_choose_between_twins(scenes: Path, monkeypatch: pytest.MonkeyP
         assert (np.asarray(prediction.mask) == (frame.instance_ids() == sounding)).all()
         assert prediction.categories is not None
         assert set(np.unique(prediction.categories)) <= {0, record.class_ids["microwave"]}
+
+
+def test_with_swapped_ears_the_other_twin_is_chosen(scenes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its mirror image: the twins stand left and right of the walk."""
+    frames, model, _ = with_truth(scenes, FIRST)
+    record = frames[0].observation.record
+    assert record is not None
+    (place,) = [np.mean(one.bounds, axis=0) for one in record.instances if one.id == 1]
+    monkeypatch.setattr(Frame, "audio", lambda frame: delayed(place, frame))
+    own = model(frames)
+    swapped = replace(model, hearing="swapped-ears")(frames)
+    assert any((np.asarray(a.mask) != np.asarray(b.mask)).any() for a, b in zip(own, swapped, strict=True))
+    silent = replace(model, hearing="none")
+    assert not any(np.asarray(one.mask).any() for one in silent(frames))
+    assert silent.method.endswith(", heard nothing")
 
 
 @pytest.mark.parametrize(("key", "other"), [(SILENT, False), (FIRST, True)])

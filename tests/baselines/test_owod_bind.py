@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from avs3d_bench.contract import layout
-from avs3d_bench.dataset import Dataset
+from avs3d_bench.dataset import Dataset, Frame
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import media
 from avs3d_bench.runtime.provenance import Provenance
+from baselines import sound_control
 from baselines.networks import pixels
 from baselines.networks.sound import check_clip, resample
 from baselines.owod_bind import select
@@ -433,6 +435,21 @@ def test_digital_silence_gives_an_empty_mask_without_asking_for_similarity(tmp_p
     dataset = Dataset(tiny_scenes.write_part_3(tmp_path / "data", frames=9))
     model = with_squares(Refusing(LEFT))
     assert not any(mask.any() for mask in model.masks_of(dataset[tiny_scenes.SILENT].test))
+
+
+def test_a_control_of_sound_reaches_the_similarity_and_the_name(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first, *_, last = Dataset(root)
+    frame, other, squares = first.test[0], last.test[0], Squares(LEFT)
+    monkeypatch.setattr(sound_control, "other_frame", lambda *_, **__: other)
+    controls: dict[sound_control.SoundControl, Frame] = {"own": frame, "swapped-ears": frame, "other-category": other}
+    for control, heard in controls.items():
+        model = replace(with_squares(squares), hearing=control)
+        model(frame)
+        np.testing.assert_array_equal(squares.clips[-1][0], heard.mono())
+    assert model.method.endswith(", heard another category")
+    asked = len(squares.clips)
+    assert not replace(model, hearing="none")(frame).any()
+    assert len(squares.clips) == asked
 
 
 def test_settings_outside_of_0_and_1_are_refused() -> None:
