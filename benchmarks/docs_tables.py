@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -20,7 +21,7 @@ import click
 
 from avs3d_bench.contract.questions import KindScore, QaScores
 from avs3d_bench.contract.scores import PAIR_KINDS, GroupScores, Scores
-from avs3d_bench.contract.taxonomy import CATEGORIES
+from avs3d_bench.contract.taxonomy import CATEGORIES, OFF_SCREEN_CATEGORIES
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.files import read_json, write_bytes
 from avs3d_bench.formats.media import read_record
@@ -39,13 +40,17 @@ from benchmarks import (
     receivers,
     separability,
     sound_rows,
+    voices,
 )
 from benchmarks.listener_summary import MISSING, share, table
+from benchmarks.recorded_manifests import MANIFESTS
 from benchmarks.run import TARGETS
 from evaluators.reporting import table_contents, tables_markdown
 from evaluators.reporting.leaderboard import read_entries
 from evaluators.reporting.pages import REFERENCE_TITLES
 from evaluators.reporting.paper import TABLE_2, TABLE_3
+from generators.assets import sounds
+from generators.library.lock import LOCK_NAME, read_lock
 
 ROOT = Path(__file__).parent.parent
 #: In place of a table of rows that the present weights do not have.
@@ -187,11 +192,16 @@ class Results:
         head = ["recogniser", "asked about", *separability.CHANGES]
         return text(head, separability.shares_table(self.json("separability")))
 
-    def confusions(self) -> str:
-        """What the network, or the nearest neighbour where none was trained, takes the test voices for."""
+    def confusions(self, asked: str) -> str:
+        """What the network, or the nearest neighbour where none was trained, takes the seconds of a set for."""
         report = self.json("separability")
-        found = report.get("network", report["nearest neighbour"])["test"]["whole"]
+        found = report.get("network", report["nearest neighbour"])[asked]["whole"]
         return text(["sounds \\ taken for", *CATEGORIES], separability.confusions_table(found))
+
+    def spread(self) -> str:
+        """Voices and recordings within the spread of the recordings."""
+        head = ["category", "recordings", "of them within the spread of the others", "voices within it", "outside, dB"]
+        return text(head, voices.spread_table(self.json("voices")))
 
     def bandwidths(self) -> str:
         """Bandwidth and floor of recordings and of voices."""
@@ -469,6 +479,22 @@ def speed(bench: Path) -> str:
     return text(["what", "median", "promised"], rows)
 
 
+def all_voices() -> str:
+    """The voices of all categories, with their sources."""
+    rows = [
+        [category.replace("_", " "), f"`{voice.name}`", voice.split, voice.mechanism, voice.source]
+        for category in CATEGORIES + OFF_SCREEN_CATEGORIES
+        for voice in sounds.voices(category)
+    ]
+    return text(["category", "voice", "split", "mechanism", "source of its model"], rows)
+
+
+def credits(category: str) -> str:
+    """Author and licence of the recordings of a category in the lock file, by their numbers on its sheet."""
+    found = [one for one in read_lock(MANIFESTS / LOCK_NAME).assets if one.kind == "sound" and one.category == category]
+    return "; ".join(f"{number} {one.author} ({one.licence})" for number, one in enumerate(found, 1))
+
+
 def near_sources() -> str:
     """Level differences of the head and of a rigid sphere near a source."""
     return text(["azimuth", "distance", *(f"{band} Hz" for band in receivers.NEAR_BANDS)], receivers.near_field())
@@ -500,7 +526,12 @@ def blocks(docs: Path) -> dict[str, list[tuple[str, Callable[[], str]]]]:
         ],
         "docs/scans.md": [("scans", own.scans)],
         "docs/sounds.md": [
-            ("separability", own.separability), ("confusions", own.confusions), ("bandwidths", own.bandwidths),
+            ("separability", own.separability), ("confusions", lambda: own.confusions("test")),
+            ("confusions of recordings", lambda: own.confusions("recordings")), ("bandwidths", own.bandwidths),
+            ("spread", own.spread),
+        ],
+        "docs/voices.md": [
+            *((f"recordings of {name}", partial(credits, name)) for name in CATEGORIES), ("voices", all_voices),
         ],
         "docs/results-choice.md": [
             ("unseen twins", lambda: own.twins("cue-weights-unseen")), ("calibration", own.calibration),

@@ -1,18 +1,21 @@
 """Every voice beside the recordings of its category: spectrum, modulation, crest factor; a sheet of spectrograms.
 
-    python -m benchmarks.voices --recordings FOLDER -o OUT [--category clock]
+    python -m benchmarks.voices [--recordings FOLDER] -o OUT [--category clock]
 
-``FOLDER`` has a folder of sound files per category. A figure of a voice is within the spread if it lies between the
-least and the largest of the recordings, widened by `MARGIN`; each recording is held to the others in the same way.
-Octaves that a sample rate does not reach are left out.
+Recordings are those of the lock file, which must be in the store (`avs3d assets fetch`), each cut to its trim;
+``FOLDER`` has further ones, in a folder of sound files per category. A figure of a voice is within the spread if it
+lies between the least and the largest of the recordings, widened by `MARGIN`; each recording is held to the others in
+the same way. Octaves that a sample rate does not reach are left out. OUT gets voices.json, and a sheet per category
+(voices-CATEGORY.jpg) on which recordings have their number in voices.json.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import soundfile
@@ -20,10 +23,16 @@ from numpy.typing import NDArray
 from scipy.signal import spectrogram
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
-from avs3d_bench.contract.taxonomy import CATEGORIES, OFF_SCREEN_CATEGORIES
+from avs3d_bench.contract.taxonomy import CATEGORIES
+from avs3d_bench.formats.files import write_bytes, write_json
+from benchmarks.recorded_manifests import MANIFESTS
 from generators.assets.sounds import synthesise, voices
+from generators.library.lock import LOCK_NAME, read_lock
+from generators.library.store import open_asset
 
 Array = NDArray[np.float64]
+#: Name → (n,) mono samples and their sample rate.
+Sounds = dict[str, tuple[Array, int]]
 
 #: Centres of octave bands and of bands of modulation (Hz).
 OCTAVES = (63, 125, 250, 500, 1000, 2000, 4000, 8000)
@@ -32,6 +41,8 @@ MODULATIONS = (1, 2, 4, 8, 16, 32)
 MARGIN = 6.0
 #: Seconds of each voice, and units of it.
 SECONDS, UNITS = 12, 3
+#: Largest size of a sheet (bytes), and the qualities of JPEG that are tried.
+SHEET_BYTES, QUALITIES = 150_000, range(80, 20, -5)
 
 
 def figures(signal: Array, rate: int) -> dict[str, float]:
@@ -63,8 +74,8 @@ def _db(share: float) -> float:
     return 10 * float(np.log10(share + 1e-9))
 
 
-def recordings(folder: Path, category: str) -> dict[str, tuple[Array, int]]:
-    """Name → (n,) mono samples and sample rate."""
+def recordings(folder: Path, category: str) -> Sounds:
+    """The sound files of a category in a folder of recordings."""
     found = {}
     for file in sorted((folder / category).glob("*")):
         samples, rate = soundfile.read(file, always_2d=True)
@@ -72,52 +83,122 @@ def recordings(folder: Path, category: str) -> dict[str, tuple[Array, int]]:
     return found
 
 
-def compare(category: str, folder: Path) -> tuple[dict[str, dict[str, float]], dict[str, list[str]]]:
-    """Name → figures of all sounds, and name → what lies outside the spread of the (other) recordings."""
-    known = {f"recording {name}": figures(*sound) for name, sound in recordings(folder, category).items()}
-    table = dict(known)
-    for voice in voices(category):
-        units = [figures(_unit(category, voice.name, seed), SAMPLE_RATE) for seed in range(UNITS)]
-        table[voice.name] = {key: float(np.mean([unit[key] for unit in units])) for key in units[0]}
-    return table, {
-        name: _outside(row, [other for key, other in known.items() if key != name]) for name, row in table.items()
-    }
+def recordings_of_lock(category: str, lock: Path = MANIFESTS / LOCK_NAME) -> Sounds:
+    """The recordings of a category in the lock file, each cut to its trim.
+
+    Raises:
+        Avs3dError: if one is not in the store.
+    """
+    found = {}
+    for entry in read_lock(lock).assets:
+        if entry.kind == "sound" and entry.category == category:
+            samples, rate = soundfile.read(open_asset(lock, entry.id)[0], always_2d=True)
+            begin, end = entry.trim or (0.0, len(samples) / rate)
+            found[entry.id] = (samples[round(begin * rate) : round(end * rate)].mean(axis=1), rate)
+    return found
 
 
-def _outside(row: dict[str, float], others: Sequence[dict[str, float]]) -> list[str]:
-    found = []
+def compare(ours: Mapping[str, Sequence[Array]], known: Sounds) -> dict[str, Any]:
+    """Figures of recordings and of voices, and what of each lies outside the spread of the (other) recordings.
+
+    Args:
+        ours: voice → sounds of its units.
+        known: the recordings of its category.
+
+    Returns:
+        ``recordings`` and ``voices``: name → ``figures``, means over the units, and ``outside``.
+    """
+    heard = {name: figures(*sound) for name, sound in known.items()}
+    report: dict[str, Any] = {"recordings": {}, "voices": {}}
+    for number, (name, row) in enumerate(heard.items(), 1):
+        others = [other for key, other in heard.items() if key != name]
+        report["recordings"][name] = {"number": number, "figures": row, "outside": _outside(row, others)}
+    for name, signals in ours.items():
+        units = [figures(signal, SAMPLE_RATE) for signal in signals]
+        row = {key: float(np.mean([unit[key] for unit in units])) for key in units[0]}
+        report["voices"][name] = {"figures": row, "outside": _outside(row, list(heard.values()))}
+    return report
+
+
+def _outside(row: Mapping[str, float], others: Sequence[Mapping[str, float]]) -> dict[str, list[float]]:
+    """Figure → the sound's, and the least and the largest of the others, where it lies outside of them."""
+    found = {}
     for key, value in row.items():
         spread = [other[key] for other in others if key in other]
         if spread and not min(spread) - MARGIN <= value <= max(spread) + MARGIN:
-            found.append(f"{key}: {value:.1f} dB, recordings {min(spread):.1f} to {max(spread):.1f}")
+            found[key] = [value, min(spread), max(spread)]
     return found
+
+
+def spread_table(report: Mapping[str, Any]) -> list[list[str]]:
+    """Rows: category, recordings, those within the spread of the others, voices within it, what lies outside."""
+    rows = []
+    for category in CATEGORIES:
+        found = report[category]
+        inside = {what: sum(not one["outside"] for one in found[what].values()) for what in ("recordings", "voices")}
+        # By the order of the voices: a file of results has its keys sorted.
+        outside = {voice.name: found["voices"][voice.name]["outside"] for voice in voices(category)}
+        rows.append(
+            [
+                category.replace("_", " "),
+                str(len(found["recordings"])),
+                str(inside["recordings"]),
+                f"{inside['voices']} of {len(found['voices'])}",
+                _outliers(outside) or "–",
+            ]
+        )
+    return rows
+
+
+def _outliers(outside: Mapping[str, Mapping[str, Sequence[float]]]) -> str:
+    """Figures with their spread, and the voices beyond it (dB)."""
+    found: dict[str, list[str]] = {}
+    for voice, faults in outside.items():
+        for key, (value, least, most) in faults.items():
+            title = f"{key}{' Hz' if ' ' in key else ''} ({least:.0f} to {most:.0f})"
+            found.setdefault(title, []).append(f"`{voice}` {value:.0f}")
+    return "; ".join(f"{title}: {', '.join(beyond)}" for title, beyond in found.items()).replace("-", "−")
+
+
+def _faults(outside: Mapping[str, Sequence[float]]) -> str:
+    return "; ".join(f"{key} {a:.1f} dB, recordings {b:.1f} to {c:.1f}" for key, (a, b, c) in outside.items())
 
 
 def _unit(category: str, name: str, seed: int) -> Array:
     return np.asarray(synthesise(category, SECONDS, np.random.default_rng([seed, 33]), voice=name), dtype=np.float64)
 
 
-def draw(category: str, folder: Path, out: Path) -> None:
-    """A sheet of spectrograms (0–20 kHz, mel-like axis, 70 dB): recordings first, then the voices."""
+def sheet(sounds: Sounds) -> bytes:
+    """A JPEG of spectrograms (0–20 kHz, mel-like axis, 12 s, 70 dB), at most `SHEET_BYTES`."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from PIL import Image
 
-    sounds = [(f"recording {name}", *sound) for name, sound in recordings(folder, category).items()]
-    sounds += [(f"{v.name} ({v.split})", _unit(category, v.name, 0), SAMPLE_RATE) for v in voices(category)]
-    columns = 4
+    columns = 5
     rows = max(1, -(-len(sounds) // columns))
-    figure = Figure(figsize=(4.2 * columns, 2.7 * rows), layout="constrained")
+    figure = Figure(figsize=(13.0, 1.75 * rows), layout="constrained", dpi=80)
     FigureCanvasAgg(figure)
-    for number, (name, samples, rate) in enumerate(sounds):
+    for number, (name, (samples, rate)) in enumerate(sounds.items()):
         axes = figure.add_subplot(rows, columns, number + 1)
-        frequencies, times, power = spectrogram(samples[: 12 * rate], rate, nperseg=1024, noverlap=512)
+        frequencies, times, power = spectrogram(samples[: SECONDS * rate], rate, nperseg=1024 * rate // 44_100 or 1)
         level = 10 * np.log10(power + 1e-14)
         axes.pcolormesh(times, frequencies / 1000, level, vmin=level.max() - 70, vmax=level.max(), cmap="magma")
         axes.set_yscale("function", functions=(_mel, _from_mel))
-        axes.set_yticks([0.25, 0.5, 1, 2, 4, 8, 16])
-        axes.set_ylim(0.05, 20)
-        axes.set_title(name, fontsize=9)
-    figure.savefig(out / f"{category}.png", dpi=80)
+        axes.set_yticks([0.25, 1, 4, 16], ["¼", "1", "4", "16"])
+        axes.set(xlim=(0, SECONDS), ylim=(0.05, 20))
+        axes.tick_params(labelsize=7)
+        axes.set_title(name, fontsize=8)
+    drawn = BytesIO()
+    figure.savefig(drawn, format="png", dpi=80)
+    picture = Image.open(drawn).convert("RGB")
+    data = b""
+    for quality in QUALITIES:
+        stream = BytesIO()
+        picture.save(stream, "JPEG", quality=quality, optimize=True)
+        data = stream.getvalue()
+        if len(data) <= SHEET_BYTES:
+            break
+    return data
 
 
 def _mel(kilohertz: Array) -> Array:
@@ -130,22 +211,31 @@ def _from_mel(value: Array) -> Array:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--recordings", type=Path, required=True)
+    parser.add_argument("--recordings", type=Path, help="a folder with further ones, in one per category")
     parser.add_argument("-o", "--output", type=Path, required=True)
-    parser.add_argument("--category", action="append", choices=CATEGORIES + OFF_SCREEN_CATEGORIES)
+    parser.add_argument("--category", action="append", choices=CATEGORIES)
     options = parser.parse_args(arguments)
     options.output.mkdir(parents=True, exist_ok=True)
     report = {}
     for category in options.category or CATEGORIES:
-        table, outside = compare(category, options.recordings)
-        draw(category, options.recordings, options.output)
-        report[category] = {"figures": table, "outside": outside}
-        for name, faults in outside.items():
-            print(f"{category}/{name}: {'; '.join(faults) or 'within the spread'}")
-        for what in (True, False):
-            ours = [not faults for name, faults in outside.items() if name.startswith("recording ") is what]
-            print(f"{category}: {sum(ours)} of {len(ours)} {'recordings' if what else 'voices'} within the spread")
-    (options.output / "voices.json").write_text(json.dumps(report, indent=1), encoding="utf-8")
+        known = recordings_of_lock(category)
+        if options.recordings:
+            known |= recordings(options.recordings, category)
+        found = voices(category)
+        ours = {voice.name: [_unit(category, voice.name, seed) for seed in range(UNITS)] for voice in found}
+        report[category] = compare(ours, known)
+        shown = {f"recording {number}": sound for number, sound in enumerate(known.values(), 1)}
+        shown |= {f"{voice.name} ({voice.split})": (ours[voice.name][0], SAMPLE_RATE) for voice in found}
+        write_bytes(options.output / f"voices-{category}.jpg", sheet(shown))
+        write_json(options.output / "voices.json", report)
+        for what, rows in report[category].items():
+            for name, row in rows.items():
+                faults = [
+                    f"{key} {a:.1f} dB, recordings {b:.1f} to {c:.1f}" for key, (a, b, c) in row["outside"].items()
+                ]
+                print(f"{category}/{name}: {'; '.join(faults) or 'within the spread'}")
+            inside = sum(not row["outside"] for row in rows.values())
+            print(f"{category}: {inside} of {len(rows)} {what} within the spread", flush=True)
 
 
 if __name__ == "__main__":

@@ -24,6 +24,8 @@ from tests.support.tiers import some
 
 SR = 44_100
 ALL = [voice for category in CATEGORIES for voice in voices(category)]
+#: Largest share of a voice's energy above 16 kHz.
+TOP_SHARE = 0.006
 
 
 def name_of(voice: Voice) -> str:
@@ -76,6 +78,9 @@ def test_a_voice_repeats_for_a_seed_is_never_silent_and_has_no_seam_of_silence(v
     # No silence between events: in every 50 ms there is the room of the voice or the floor of the capture.
     moments = np.square(np.float64(samples[: 240 * 2205]).reshape(240, 2205)).mean(axis=1)
     assert 10 * np.log10(moments.min() / moments.mean()) > -65.0
+    # No device of these has more above 16 kHz (docs/sounds.md, Bandwidth and floor).
+    power = np.abs(np.fft.rfft(np.float64(samples))) ** 2
+    assert power[np.fft.rfftfreq(len(samples), 1 / SR) > 16_000].sum() < TOP_SHARE * power.sum()
 
 
 def test_a_length_of_one_second_works_too() -> None:

@@ -12,7 +12,6 @@ _RAWLINGS = "A. L. Rawlings, The Science of Clocks and Watches (2nd ed. 1948)"
 _HEADRICK = "M. V. Headrick, IEEE Control Systems Magazine 22 (2002) 41–52"
 _ROSSING = "N. H. Fletcher, T. D. Rossing, The Physics of Musical Instruments (2nd ed. 1998)"
 _LAVET = "M. Lavet, patent FR 823 395 (1936)"
-_TIMING = "relation of lift angle and amplitude that timing machines use"
 _WARREN = "H. E. Warren's self-starting synchronous motor (1918)"
 
 
@@ -21,7 +20,7 @@ _voice = partial(Voice.of, "clock")
 VOICES: tuple[Voice, ...] = (
     _voice(escapements.longcase, "train", "pendulum with recoil escapement", _HEADRICK),
     _voice(electric.wall_quartz, "train", "quartz stepper", _LAVET),
-    _voice(escapements.kitchen_timer, "train", "balance with pin lever", _TIMING),
+    _voice(escapements.kitchen_timer, "train", "balance with pin lever", _RAWLINGS),
     _voice(escapements.mantel_striking, "train", "pendulum and gong", _ROSSING),
     _voice(escapements.twin_bell_alarm, "train", "balance and bells", _ROSSING),
     _voice(electric.synchronous, "train", "synchronous motor", _WARREN),

@@ -467,6 +467,7 @@ def steam_wand_milk(count: int, rng: Generator) -> Array:
 _PUMP = "vibration pump"
 _BUBBLES = "boiling water in a tube"
 _ULKA = "ULKA EP5 data sheet (half-wave drive)"
+_RICE = "S. O. Rice, Bell System Technical Journal 23 (1944) 282–332"
 
 
 _voice = partial(Voice.of, "coffee_machine")
@@ -477,12 +478,24 @@ VOICES: tuple[Voice, ...] = (
     _voice(
         rotary_pump_bar, "train", "rotary vane pump, steam", "four-pole motor with slip; vane passing; Lighthill 1952"
     ),
-    _voice(burr_grinder, "train", "burr grinder", "tooth passing; fracture bursts"),
+    _voice(
+        burr_grinder,
+        "train",
+        "burr grinder",
+        "J. D. Smith, Gear Noise and Vibration (2nd ed. 2003), on tooth passing and its sidebands; "
+        f"bursts at random moments: {_RICE}",
+    ),
     _voice(drip_filter, "train", _BUBBLES, "bubble pump; Aljishi & Tatarkiewicz 1991; van den Doel 2005"),
     _voice(moka_pot, "train", "steam pressure", "Navarini et al. 2009; Gianino 2007"),
     _voice(percolator, "validation", _BUBBLES, "bubble pump; Aljishi & Tatarkiewicz 1991"),
     _voice(bean_to_cup, "test", _PUMP, f"{_ULKA}; geared motors; sequence of automatic machines"),
-    _voice(blade_grinder, "test", "universal motor with blade", "blade passing, torque at twice the mains"),
+    _voice(
+        blade_grinder,
+        "test",
+        "universal motor with blade",
+        "A. E. Fitzgerald, C. Kingsley, S. D. Umans, Electric Machinery (6th ed. 2003), on series universal motors; "
+        f"blows at random moments: {_RICE}",
+    ),
     _voice(steam_wand_milk, "test", "steam condensing in milk", "Li et al. 2023; Wang et al. 2021; Lighthill 1952"),
     _voice(pod_air_pump, "train", "diaphragm air pump", "two valves a turn; Aljishi & Tatarkiewicz 1991"),
     _voice(

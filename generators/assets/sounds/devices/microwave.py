@@ -283,6 +283,7 @@ _TRANSFORMERS = "M. van der Veen et al., Measuring acoustic noise emitted by pow
 _INVERTERS = "C. Bocchiola, Parametric design guidelines for MW oven inverter; Panasonic service manual NN-H264"
 _POPCORN = "E. Virot and A. Ponomarenko, Popcorn: critical temperature, jump and sound, J. R. Soc. Interface 12 (2015)"
 _FANS = "A. Guédel, Fan Acoustics: Noise Generation and Control Methods, AMCA (2007)"
+_COILS = "J. D. Jackson, Classical Electrodynamics (3rd ed. 1998), chapter 5: force between currents"
 _M = "microwave"
 
 VOICES: tuple[Voice, ...] = (
@@ -298,6 +299,6 @@ VOICES: tuple[Voice, ...] = (
     Voice(_M, "timer_bell", "test", "mains transformer with clockwork timer", _TRANSFORMERS, timer_bell),
     Voice(_M, "inverter_quiet", "test", "inverter", _INVERTERS, inverter_quiet),
     Voice(_M, "commercial_twin", "test", "two supplies and blowers", _TRANSFORMERS, commercial_twin),
-    Voice(_M, "quartz_grill", "train", "heaters in quartz tubes", "force between turns of a coil", quartz_grill),
+    Voice(_M, "quartz_grill", "train", "heaters in quartz tubes", _COILS, quartz_grill),
     Voice(_M, "heavy_stirrer", "train", "mains transformer and stirrer on a belt", _TRANSFORMERS, heavy_stirrer),
 )

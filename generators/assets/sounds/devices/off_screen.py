@@ -11,17 +11,24 @@ from generators.assets.sounds.devices import off_screen_street as street
 from generators.assets.sounds.voice import Voice
 
 _KLATT = "Klatt, JASA 67 (1980) 971; vowels of Peterson & Barney, JASA 24 (1952) 175"
-_PUMP = "induction motors: slip of 2 to 6 %, force at twice the mains frequency (textbooks of electrical machines)"
+_PUMP = "P. L. Timár (ed.), Noise and Vibration of Electrical Machines (1989), on slip and force at twice the mains"
 _ROAD = "U. Sandberg, The multi-coincidence peak around 1000 Hz in tyre/road noise spectra, Euronoise 2003"
 _BARK = "S. Yin & B. McCowan, Animal Behaviour 68 (2004) 343; T. Riede & T. Fitch, J. Exp. Biol. 202 (1999) 2859"
 _FAN = "dipole noise of fans, blade-passing tones: Bies & Hansen, Engineering Noise Control, chapter on sources"
 
-_COMMUTATION = "six-step commutation: ripple at six times the electrical frequency"
+_COMMUTATION = (
+    "R. Carlson, M. Lajoie-Mazenc, J. C. dos S. Fagundes, Analysis of torque ripple due to phase commutation in "
+    "brushless DC machines, IEEE Trans. Industry Applications 28 (1992) 632–638"
+)
 _DRAIN = "J. Lladó-París & B. Sánchez-Tabuenca, Acoustic analysis of the drainage cycle in a washing machine, DYNA 82"
 _BOILING = "stages of boiling: S. Nukiyama (1934); M. Minnaert's bubbles (1933)"
 _WHISTLE = "R. Henrywood & A. Agarwal, The aeroacoustics of a steam kettle, Physics of Fluids 25 (2013) 107101"
 _BYRNE = "D. Byrne et al., JASA 96 (1994) 2108 (long-term spectrum); " + _KLATT
-_ORGAN, _DRUM = "drawbar registration: sines at 1 to 8", "modes of an ideal membrane"
+_ORGAN = (
+    "L. Hammond, Electrical musical instrument, patent US 1 956 350 (1934); J. Smith, S. Serafin, J. Abel, D. Berners, "
+    "Doppler simulation and the Leslie, DAFx (2002)"
+)
+_DRUM = "N. H. Fletcher, T. D. Rossing, The Physics of Musical Instruments (2nd ed. 1998), chapter 3: membranes"
 _STIFF = "H. Fletcher, Normal vibration frequencies of a stiff piano string, JASA 36 (1964) 203"
 _RAIL = "D. Thompson, Railway Noise and Vibration (2009), chapters on rolling noise, impacts and curve squeal"
 _PLUCK = "K. Karplus & A. Strong, Computer Music Journal 7 (1983) 43; D. Jaffe & J. Smith, ibid. 56"

@@ -48,7 +48,7 @@ VOICES: tuple[Voice, ...] = (
         "mobile_buzzer_melody",
         "train",
         "square wave through a magnetic buzzer",
-        "magnetic transducers: resonance 2.0 to 3.1 kHz, driven with half duty (catalogues)",
+        "F. V. Hunt, Electroacoustics (1954), on moving-armature transducers; resonances of 2.0 to 3.1 kHz: catalogues",
         mobile.mobile_buzzer_melody,
     ),
     Voice(

@@ -261,6 +261,10 @@ _HANDHELDS = "T. A. Brungart and G. C. Lauchle, Noise Control Eng. J. 49(2) (200
 _HOSES = "B. Rajavel and M. G. Prasad, Acoustics of corrugated pipes: a review, Applied Mechanics Reviews 65 (2013)"
 _CYCLONES = "T. A. Grimble and M. P. Juniper, Local linear stability analysis of cyclone separators, JFM (2017)"
 _COGGING = "N. Bianchi and S. Bolognani, IEEE Trans. Industry Applications 38 (2002) 1259–1265"
+_GEARS = (
+    "J. D. Smith, Gear Noise and Vibration (2nd ed. 2003), on tooth meshing; D. A. Bies, C. H. Hansen, Engineering "
+    "Noise Control (4th ed. 2009), on fans"
+)
 _C = "vacuum_cleaner"
 
 VOICES: tuple[Voice, ...] = (
@@ -275,7 +279,7 @@ VOICES: tuple[Voice, ...] = (
         "maker's data: Dyson digital motor V2, 104,000 rpm (2009)",
         stick,
     ),
-    Voice(_C, "robot", "train", "small fan, side brush and gears", "kinematics of gears, wheels and brushes", robot),
+    Voice(_C, "robot", "train", "small fan, side brush and gears", _GEARS, robot),
     Voice(_C, "wet_dry_drum", "train", "bypass motor over a drum", _SUCTION_UNITS, wet_dry),
     Voice(_C, "bagged_dimmed", "validation", "universal motor with phase control", _CANISTERS, bagged_dimmed),
     Voice(_C, "upright_cyclone", "test", "universal motor with brush roll", _UPRIGHTS, upright_cyclone),
