@@ -481,7 +481,8 @@ def echosegnet(
     if options.masks == "owod-bind":
         from baselines.owod_bind.run import load_owod_bind, write_mask_folder
 
-        folder = Path(shared["work"]) / "owod-bind"
+        # Runs with several controls can have one folder for their work; the masks' name is that of the last part.
+        folder = Path(shared["work"]) / ("" if options.sound == "own" else options.sound) / "owod-bind"
         model = replace(load_owod_bind(device=shared["devices"][0], **networks), hearing=options.sound)
         write_mask_folder(Dataset(root), folder, model, only=only, progress=shared["progress"])
         options = replace(options, masks=str(folder))

@@ -48,7 +48,7 @@ from baselines.networks.checkpoints import find_checkpoint, loading, require_pac
 from baselines.networks.device import enough_memory, inference, pick_device
 from baselines.networks.pixels import IMAGENET_MEAN, IMAGENET_STD, normalise, resize
 from baselines.networks.sound import check_clip, resample
-from baselines.sound_control import SoundControl, mono_of, named
+from baselines.sound_control import SoundControl, mono_of, named, noted
 
 if TYPE_CHECKING:
     import torch
@@ -160,10 +160,11 @@ class DenseAv:
     @property
     def notes(self) -> str:
         """The settings, for submission.json."""
-        return (
+        return noted(
             "2D, from the picture and the mono clip of test frames; similarity: mean over frequency and time, maximum "
             f"over heads; negative values 0, min-max over each {self.normalise}; marked where > {self.threshold:g}"
-            + (f"; checkpoint {self.checkpoint}" if self.checkpoint else "")
+            + (f"; checkpoint {self.checkpoint}" if self.checkpoint else ""),
+            self.hearing,
         )
 
 

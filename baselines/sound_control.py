@@ -70,6 +70,11 @@ def named(method: str, control: SoundControl) -> str:
     return ", ".join(filter(None, (method, SAID[control])))
 
 
+def noted(notes: str, control: SoundControl) -> str:
+    """The notes of a submission with what is heard in place of a frame's own sound, if anything."""
+    return "; ".join(filter(None, (notes, SAID[control])))
+
+
 def sounds_of(frames: Sequence[Frame], control: SoundControl = "own") -> NDArray[np.float32]:
     """(T, 2, n) float32: the clips of T frames, or what a control puts in their place.
 

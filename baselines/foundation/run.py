@@ -23,7 +23,7 @@ from baselines.foundation.tracks import ObjectTrack, join, sighting
 from baselines.networks.checkpoints import CHECKPOINTS, find_checkpoint, require_packages
 from baselines.networks.device import enough_memory, inference, pick_device
 from baselines.networks.sound import check_clip
-from baselines.sound_control import SoundControl, mono_of, named, sounds_of
+from baselines.sound_control import SoundControl, mono_of, named, noted, sounds_of
 
 if TYPE_CHECKING:
     import torch
@@ -152,10 +152,11 @@ class Foundation:
     @property
     def notes(self) -> str:
         """The settings, for submission.json."""
-        return (
+        return noted(
             "2D, training-free: the sound is named, what has the name is segmented in all test frames, instances are "
             "joined by their rays, the likelihood of what both ears heard chooses"
-            + (f"; checkpoints {', '.join(self.checkpoints)}" if self.checkpoints else "")
+            + (f"; checkpoints {', '.join(self.checkpoints)}" if self.checkpoints else ""),
+            self.hearing,
         )
 
 

@@ -46,7 +46,7 @@ from baselines.listener.masks import (
 )
 from baselines.listener.shards import SIDE
 from baselines.networks.device import inference, pick_device
-from baselines.sound_control import SAID, SoundControl, named, sound_of
+from baselines.sound_control import SoundControl, named, noted, sound_of
 
 #: Probability above which a pixel is marked; chosen on validation homes (docs/listener-training.md).
 THRESHOLD = 0.5
@@ -214,7 +214,6 @@ class ListenerMethod:
     @property
     def notes(self) -> str:
         """The settings, for submission.json."""
-        heard = f"; {SAID[self.hearing]}" if SAID[self.hearing] else ""
         edges = {"none": "no refinement", "edges": "guided filter at edges"}
         looks = {"one": "one look at 252²", "several": "looks at 252² and 504², also mirrored"}[self.looks]
         said = self.calibration
@@ -223,10 +222,11 @@ class ListenerMethod:
             if said
             else ""
         )
-        return (
+        return noted(
             f"2D, from the picture and the binaural second of test frames; weights {self.digest[:12]}; "
             f"{looks}; {marked_where(self.threshold, self.share)}; {edges[self.refine]}; "
-            f"components below {LEAST_AREA:g} of the picture dropped{warm}{heard}"
+            f"components below {LEAST_AREA:g} of the picture dropped{warm}",
+            self.hearing,
         )
 
 

@@ -26,7 +26,7 @@ from baselines.networks.pixels import Picture
 from baselines.networks.sound import check_clip
 from baselines.owod_bind import select
 from baselines.owod_bind.protocols import AudioVisualSimilarity, BoxProposer, Detections, Mask, MaskPredictor
-from baselines.sound_control import SoundControl, mono_of, named
+from baselines.sound_control import SoundControl, mono_of, named, noted
 
 if TYPE_CHECKING:
     import torch
@@ -128,11 +128,12 @@ class OwodBind:
     @property
     def notes(self) -> str:
         """The settings, for submission.json."""
-        return (
+        return noted(
             "2D, every frame on its own, from its picture and its mono clip; the first box, and those with a score > "
             f"{self.min_score:g} and both sides < {self.max_side:g} of the image's height; "
             f"masks whose softmax over the proposals is > {self.threshold:g}"
-            + (f"; checkpoints {', '.join(self.checkpoints)}" if self.checkpoints else "")
+            + (f"; checkpoints {', '.join(self.checkpoints)}" if self.checkpoints else ""),
+            self.hearing,
         )
 
 

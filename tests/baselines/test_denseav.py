@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -20,7 +21,9 @@ from avs3d_bench.contract import layout
 from avs3d_bench.dataset import Dataset, Frame
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import media
+from avs3d_bench.formats.files import read_json
 from baselines import denseav, sound_control
+from baselines.cli import baseline
 from tests.support import tiny
 from tests.support.shared import SharedDataset
 
@@ -161,6 +164,21 @@ def test_a_control_of_sound_is_what_it_hears_and_says(
     assert not replace(own, hearing="none").masks([frame])[0].any()
     writer = denseav.write_denseav(Dataset(root), tmp_path / "out", other, only=[first.key])
     assert writer.record.method == "DenseAV, heard another category"
+    assert writer.record.notes == f"{own.notes}; heard another category; only {first.key}"
+
+
+def test_the_command_hears_nothing_and_its_submission_says_so(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tiny_models.install_denseav(monkeypatch)
+    checkpoint, out = tiny_models.write_denseav(tmp_path / "checkpoint"), tmp_path / "out"
+    arguments = ["denseav", "--dataset", str(root), "--checkpoint", str(checkpoint), "--device", "cpu"]
+    result = CliRunner().invoke(baseline, [*arguments, "--sound", "none", "-o", str(out)])
+    assert result.exit_code == 0, result.output
+    assert not any(media.read_png_mask(path).any() for path in out.rglob("*.png"))
+    record = read_json(out / "submission.json")
+    assert record["method"] == "DenseAV, heard nothing"
+    assert record["notes"].endswith("; heard nothing")
 
 
 def test_the_submission_follows_the_rule(root: Path, tmp_path: Path, model: denseav.DenseAv) -> None:

@@ -16,7 +16,9 @@ from hypothesis import strategies as st
 from avs3d_bench.dataset import Dataset, Frame
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import media
+from avs3d_bench.formats.files import read_json
 from avs3d_bench.geometry import Intrinsics, Pose
+from baselines import sound_control
 from baselines.cli import baseline
 from baselines.foundation.protocols import TextMasks
 from baselines.foundation.tracks import ALONE, Sighting, join, sighting
@@ -203,6 +205,36 @@ def test_with_swapped_ears_the_other_twin_is_chosen(scenes: Path, monkeypatch: p
     silent = replace(model, hearing="none")
     assert not any(np.asarray(one.mask).any() for one in silent(frames))
     assert silent.method.endswith(", heard nothing")
+
+
+def test_another_observation_is_heard_by_the_tagger_and_by_both_ears(
+    scenes: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frames, model, knows = with_truth(scenes, FIRST)
+    others = Dataset(scenes)[BOTH].frames
+    tagged: list[Any] = []
+    compared: list[Any] = []
+    posterior, observe = knows.posterior, run.binaural.observe
+    monkeypatch.setattr(sound_control, "other_frame", lambda frame, **_: others[frame.index])
+    monkeypatch.setattr(knows, "posterior", lambda clips, *rest: (tagged.extend(clips), posterior(clips, *rest))[1])
+    monkeypatch.setattr(run.binaural, "observe", lambda clips: (compared.extend(clips), observe(clips))[1])
+    model = replace(model, hearing="other-category")
+    model(frames)
+    np.testing.assert_array_equal(tagged, [clip for clip in (frame.mono() for frame in others) if clip.any()])
+    heard = [frame.audio() for frame in others if frame.mono().any()]
+    np.testing.assert_array_equal(compared, heard)
+    assert model.method.endswith(", heard another category")
+    assert model.notes == f"{replace(model, hearing='own').notes}; heard another category"
+
+
+def test_with_swapped_ears_the_command_says_so(scenes: Path, folders: dict[str, Any], tmp_path: Path) -> None:
+    options = [f"--{kind}-checkpoint={folder}" for kind, folder in folders.items()]
+    arguments = ["foundation", "--dataset", str(scenes), "--only", BOTH, "--device", "cpu", "--sound", "swapped-ears"]
+    result = CliRunner().invoke(baseline, [*arguments, *options, "-o", str(tmp_path / "out")])
+    assert result.exit_code == 0, result.output
+    record = read_json(tmp_path / "out" / "submission.json")
+    assert record["method"] == "foundation (CLAP, SAM 3), heard with swapped ears"
+    assert "; heard with swapped ears; only " in record["notes"]
 
 
 @pytest.mark.parametrize(("key", "other"), [(SILENT, False), (FIRST, True)])

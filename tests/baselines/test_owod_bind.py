@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -17,8 +18,10 @@ from avs3d_bench.contract import layout
 from avs3d_bench.dataset import Dataset, Frame
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats import media
+from avs3d_bench.formats.files import read_json
 from avs3d_bench.runtime.provenance import Provenance
 from baselines import sound_control
+from baselines.cli import baseline
 from baselines.networks import pixels
 from baselines.networks.sound import check_clip, resample
 from baselines.owod_bind import select
@@ -447,9 +450,44 @@ def test_a_control_of_sound_reaches_the_similarity_and_the_name(root: Path, monk
         model(frame)
         np.testing.assert_array_equal(squares.clips[-1][0], heard.mono())
     assert model.method.endswith(", heard another category")
+    assert model.notes == f"{replace(model, hearing='own').notes}; heard another category"
     asked = len(squares.clips)
     assert not replace(model, hearing="none")(frame).any()
     assert len(squares.clips) == asked
+
+
+def test_the_command_hears_nothing_and_its_submission_says_so(
+    root: Path, tmp_path: Path, folders: dict[str, Path]
+) -> None:
+    options = [f"--{name.replace('_', '-')}={folder}" for name, folder in folders.items()]
+    arguments = ["owod-bind", "--dataset", str(root), "--only", tiny.SINGLE, "--similarity", "pe-av", "--device", "cpu"]
+    out = tmp_path / "out"
+    result = CliRunner().invoke(baseline, [*arguments, *options, "--sound", "none", "-o", str(out)])
+    assert result.exit_code == 0, result.output
+    assert not any(media.read_png_mask(path).any() for path in out.rglob("*.png"))
+    record = read_json(out / "submission.json")
+    assert record["method"] == "OWOD-BIND (OWLv2 objectness, SAM, PE-AV), heard nothing"
+    assert "; heard nothing; only " in record["notes"]
+
+
+def test_echosegnet_keeps_the_masks_of_each_control_apart_in_one_folder_of_work(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One run after the other, as docs/results-choice.md does it; submissions name the masks alike."""
+    runs: list[Any] = []
+    monkeypatch.setattr(run, "load_owod_bind", lambda **_: with_squares(Squares(LEFT, RIGHT)))
+
+    def keep(dataset: Dataset, path: Path, source: Any, how: Any, **_: Any) -> Any:
+        runs.append((source.name, how.sound, source.mask(dataset[tiny.SINGLE].train[0]).any()))
+        raise Avs3dError("enough")
+
+    monkeypatch.setattr("baselines.echosegnet.run.write_echosegnet", keep)
+    arguments = ["echosegnet", "--dataset", str(root), "--only", tiny.SINGLE, "--masks", "owod-bind", "--device", "cpu"]
+    for sound in ("own", "none"):
+        more = ["--work", str(tmp_path / "work"), "--sound", sound, "-o", str(tmp_path / sound)]
+        result = CliRunner().invoke(baseline, [*arguments, *more])
+        assert str(result.exception) == "enough", result.output
+    assert runs == [("owod-bind", "own", True), ("owod-bind", "none", False)]
 
 
 def test_settings_outside_of_0_and_1_are_refused() -> None:
@@ -601,8 +639,9 @@ def test_a_folder_of_train_masks_is_written_and_taken_up_again(
     assert run.write_mask_folder(dataset, out, model) == 1 + 8
     assert (out / files[0]).stat().st_mtime_ns == before
     other = run.OwodBind(model.boxes, model.masks, model.similarity, CPU, threshold=0.3)
-    with pytest.raises(UsageError, match="holds masks made with other settings"):
-        run.write_mask_folder(dataset, out, other)
+    for changed in (other, replace(model, hearing="none")):
+        with pytest.raises(UsageError, match="holds masks made with other settings"):
+            run.write_mask_folder(dataset, out, changed)
     clone = tiny.clone(root, tmp_path / "clone")
     tiny.replace(clone / "dataset.json", (clone / "dataset.json").read_bytes() + b"\n")
     with pytest.raises(UsageError, match="other settings, software or data"):
