@@ -144,7 +144,7 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
         "baselines.oracle",
         "baselines.oracle_errors",
     ),
-    "baselines.denseav": (*CONTRACT, "baselines.denseav", "baselines.networks"),
+    "baselines.denseav": (*CONTRACT, "baselines.denseav", "baselines.networks", "baselines.sound_control"),
     "baselines.direction_alone": (
         *CONTRACT,
         "avs3d_bench.exports.samples",
@@ -181,7 +181,7 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
         "baselines.sound_control",
     ),
     "baselines.oracle": (*CONTRACT, "baselines.oracle", "baselines.oracle_errors"),
-    "baselines.owod_bind": (*CONTRACT, "baselines.networks", "baselines.owod_bind"),
+    "baselines.owod_bind": (*CONTRACT, "baselines.networks", "baselines.owod_bind", "baselines.sound_control"),
     "baselines.questions": (*CONTRACT, *_QUESTIONS),
     "baselines.questions_inspect": (*CONTRACT, *_QUESTIONS, "baselines.questions_inspect"),
     "baselines.references": (

@@ -11,7 +11,6 @@ import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import click
@@ -221,6 +220,17 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
+@dataclass(frozen=True)
+class Unreached:
+    """In place of a network: what a command reads of it before the check of the output."""
+
+    hearing: str = "own"
+    masks_of: None = None
+    masks: None = None
+    method: str = "network"
+    notes: str = ""
+
+
 @pytest.fixture
 def place(inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Path:
     """A copy of the inputs, or of those that the case names. Of networks without weights here, only the check of the
@@ -231,7 +241,7 @@ def place(inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request
     copy_inputs(inputs, tmp_path / "in", getattr(request.node, "callspec", None))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("avs3d_bench.runtime.doctor.all_checks", core_checks)
-    network = SimpleNamespace(masks_of=None, masks=None, method="network", notes="")
+    network = Unreached()
     monkeypatch.setattr("baselines.owod_bind.run.load_owod_bind", lambda **_: network)
     monkeypatch.setattr("baselines.denseav.load_denseav", lambda *_, **__: network)
     monkeypatch.setattr("baselines.foundation.run.load_foundation", lambda *_, **__: network)

@@ -65,6 +65,7 @@ NOT_COUNTED = {
     "avs3d_bench.cli",
     "avs3d_bench.runtime.file_lock",
     "avs3d_bench.runtime.imports",
+    "avs3d_bench.runtime.one_thread",
     "avs3d_bench.commands.outputs",
     "avs3d_bench.runtime.parallel",
     "avs3d_bench.runtime.provenance",
