@@ -4,8 +4,9 @@
     python -m benchmarks.separability --learn-recordings -o FILE.json [--cnn]
 
 A nearest neighbour on spectral and modulation features, and with ``--cnn`` small convolutional networks on log-mel
-spectrograms (`separability_network`), are trained on seconds of *train* voices, dry and reverberant, and asked about
-seconds of *validation* and *test* voices and of recordings: as they are, and low-passed at 4, 8 and 16 kHz. In
+spectrograms (`separability_network`), are trained on seconds of *train* voices, half of them reverberant, and asked
+about seconds of *validation* and *test* voices and of recordings, each dry and reverberant: as they are, and low-passed
+at 4, 8 and 16 kHz. In
 brackets: takes of ten seconds, over which the answers are averaged. A benchmark whose sounds a fingerprint solves would
 be near 100 % on test voices; one whose sounds say nothing of real ones would be at chance, 14 %, on recordings. A third
 recogniser has nothing but the mean spectrum from 10 to 20 kHz. The nearest neighbour's training seconds pass the same
@@ -20,7 +21,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, zip_longest
 from pathlib import Path
@@ -67,8 +68,10 @@ NEIGHBOURS = 15
 SUBSPACES, SHARE, AXES, SHRINKAGE = 16, 0.3, 20, 0.3
 #: Added to the modulation before its logarithm is taken: what steady noise has.
 MODULATION_FLOOR = 0.3
-#: Share of clips with reverberation, decay times (s) and direct-to-reverberant ratios (dB).
+#: Share of the training seconds with reverberation, decay times (s) and direct-to-reverberant ratios (dB).
 REVERBERANT, T60, DIRECT_DB = 0.5, (0.25, 0.9), (-9.0, 6.0)
+#: What clips are without and with reverberation; the end of their names.
+STATES = ("dry", "reverberant")
 
 
 @dataclass(frozen=True)
@@ -78,7 +81,7 @@ class Clips:
     Attributes:
         samples: (n, 44100).
         labels: (n,) number of the category.
-        names: (n,) ``category/voice/unit`` or ``category/recording/0``.
+        names: (n,) ``category/voice/unit/state`` or ``category/recording/0/state``, with one of `STATES`.
     """
 
     samples: Array
@@ -88,7 +91,12 @@ class Clips:
     @property
     def voices(self) -> NDArray[np.str_]:
         """(n,) ``category/voice`` of each clip."""
-        return np.array([name.rsplit("/", 1)[0] for name in self.names])
+        return np.array([name.rsplit("/", 2)[0] for name in self.names])
+
+    @property
+    def states(self) -> NDArray[np.str_]:
+        """(n,) one of `STATES` of each clip."""
+        return np.array([name.rsplit("/", 1)[1] for name in self.names])
 
 
 def prepared(of: Callable[[Array], Any], samples: Array, change: str, workers: int | None = None) -> Any:
@@ -104,9 +112,12 @@ def _prepared(of: Callable[[Array], Any], part: Array, change: str) -> Any:
 
 
 def of_voices(split: str, seed: int, units: int, workers: int | None) -> Clips:
-    """Seconds of all voices of a split; every unit is another one."""
+    """Seconds of all voices of a split; every unit is another one.
+
+    Units for training are dry or reverberant, those that are asked about are both.
+    """
     tasks = [
-        (number, voice.name, (seed, number, place), units)
+        (number, voice.name, (seed, number, place), units, split != "train")
         for number, category in enumerate(CATEGORIES)
         for place, voice in enumerate(voices(category))
         if voice.split == split
@@ -115,30 +126,32 @@ def of_voices(split: str, seed: int, units: int, workers: int | None) -> Clips:
     return _clips([one for task in tasks for one in found[task]])
 
 
-def _of_voice(task: tuple[int, str, tuple[int, ...], int]) -> list[Second]:
-    number, name, seed, units = task
+def _of_voice(task: tuple[int, str, tuple[int, ...], int, bool]) -> list[Second]:
+    number, name, seed, units, asked = task
     rng, category = np.random.default_rng(seed), CATEGORIES[number]
     found = []
     for unit in range(units):
         signal = np.asarray(synthesise(category, SECONDS, rng, name), dtype=np.float64)
-        found += [(second.astype(np.float32), number, f"{category}/{name}/{unit}") for second in _seconds(signal, rng)]
+        found += _seconds(signal, rng, f"{category}/{name}/{unit}", asked)
     return found
 
 
 def of_recordings(folder: Path, seed: int) -> Clips:
-    """Seconds of all recordings; one that is shorter is repeated."""
+    """Seconds of all recordings, dry and reverberant; one that is shorter is repeated."""
     rng = np.random.default_rng(seed)
     found: list[Second] = []
-    for number, category in enumerate(CATEGORIES):
+    for category in CATEGORIES:
         for name, (signal, rate) in recordings(folder, category).items():
             whole = resampled(signal, rate)
             whole = np.tile(whole, -(-SAMPLE_RATE // len(whole)))
-            found += [(second.astype(np.float32), number, f"{category}/{name}/0") for second in _seconds(whole, rng)]
+            found += _seconds(whole, rng, f"{category}/{name}/0", True)
     return _clips(found)
 
 
 def of_lock(split: str, seed: int, units: int | None = None) -> Clips:
     """Seconds of the recordings of a split in the lock file that are in the store.
+
+    Those for training are dry or reverberant, the others both.
 
     Args:
         split: train, validation or test.
@@ -159,9 +172,7 @@ def of_lock(split: str, seed: int, units: int | None = None) -> Clips:
         for unit in range(units or 1):
             length, start = (SECONDS, float(rng.random())) if units else (whole, 0.0)
             samples = load_sound(path, length, start=start, trim=entry.trim).astype(np.float64)
-            name = f"{entry.category}/{entry.id}/{unit}"
-            number = CATEGORIES.index(entry.category)
-            found += [(second.astype(np.float32), number, name) for second in _seconds(samples, rng)]
+            found += _seconds(samples, rng, f"{entry.category}/{entry.id}/{unit}", split != "train")
     return _clips(found)
 
 
@@ -176,13 +187,18 @@ def _clips(found: Sequence[Second]) -> Clips:
     return Clips(np.stack(samples), np.array(labels), list(names))
 
 
-def _seconds(signal: Array, rng: np.random.Generator) -> list[Array]:
-    """The whole seconds of a signal, some of them reverberant, at the same level; silent ones are left out."""
-    wet = fftconvolve(signal, _response(rng))[: len(signal)] if rng.random() < REVERBERANT else signal
-    whole = wet[: len(wet) // SAMPLE_RATE * SAMPLE_RATE].reshape(-1, SAMPLE_RATE)
-    levels = np.sqrt(np.mean(np.square(whole), axis=1))
-    loud = levels > 0.05 * levels.max()
-    return list(whole[loud] / levels[loud, None])
+def _seconds(signal: Array, rng: np.random.Generator, name: str, both: bool) -> list[Second]:
+    """The whole seconds of a signal at the same level, silent ones left out: dry, reverberant, or ``both``."""
+    states = STATES if both else (STATES[int(rng.random() < REVERBERANT)],)
+    found, number = [], CATEGORIES.index(name.split("/")[0])
+    for state in states:
+        heard = signal if state == "dry" else fftconvolve(signal, _response(rng))[: len(signal)]
+        whole = heard[: len(heard) // SAMPLE_RATE * SAMPLE_RATE].reshape(-1, SAMPLE_RATE)
+        levels = np.sqrt(np.mean(np.square(whole), axis=1))
+        loud = levels > 0.05 * levels.max()
+        seconds = (whole[loud] / levels[loud, None]).astype(np.float32)
+        found += [(second, number, f"{name}/{state}") for second in seconds]
+    return found
 
 
 def _response(rng: np.random.Generator) -> Array:
@@ -363,30 +379,42 @@ def left_out(train: Clips, known: Array, workers: int | None = None) -> Array:
 def verdict(probabilities: Array, asked: Clips) -> dict[str, Any]:
     """Shares of right seconds and of right takes (the mean over a take's seconds decides), and the confusions.
 
-    ``seconds`` and ``takes`` are means over the categories that are there.
+    ``seconds`` and ``takes`` are means over the categories that are there, also of each of `STATES` alone.
 
     Args:
         probabilities: (n, categories) answers of a recogniser.
         asked: the clips that it was asked about.
     """
-    found = probabilities.argmax(axis=1)
-    names = np.array(asked.names)
-    takes = [names == name for name in dict.fromkeys(asked.names)]
-    of_takes = np.array([asked.labels[take][0] for take in takes])
-    right_takes = np.array([probabilities[take].mean(axis=0).argmax() for take in takes]) == of_takes
-    right = found == asked.labels
-    voice = asked.voices
-    present = [number for number in range(len(CATEGORIES)) if (asked.labels == number).any()]
+    right, voice = probabilities.argmax(axis=1) == asked.labels, asked.voices
     confusions = np.zeros((len(CATEGORIES),) * 2, dtype=int)
-    np.add.at(confusions, (asked.labels, found), 1)
+    np.add.at(confusions, (asked.labels, probabilities.argmax(axis=1)), 1)
     return {
         "count": len(right),
-        "seconds": float(np.mean([right[asked.labels == number].mean() for number in present])),
-        "takes": float(np.mean([right_takes[of_takes == number].mean() for number in present])),
-        "by_category": {CATEGORIES[number]: float(right[asked.labels == number].mean()) for number in present},
+        **_shares(probabilities, asked, np.full(len(right), True)),
+        **{state: _shares(probabilities, asked, asked.states == state) for state in STATES},
+        "by_category": {name: float(right[asked.labels == n].mean()) for n, name in _present(asked.labels)},
         "by_voice": {str(name): float(right[voice == name].mean()) for name in dict.fromkeys(voice)},
         "confusions": confusions.tolist(),
     }
+
+
+def _shares(probabilities: Array, asked: Clips, these: NDArray[np.bool_]) -> dict[str, float]:
+    """``seconds`` and ``takes`` of a `verdict` over some of the clips; nothing without clips."""
+    names = np.array(asked.names)
+    takes = [these & (names == name) for name in dict.fromkeys(names[these])]
+    of_takes = np.array([asked.labels[take][0] for take in takes])
+    right_takes = np.array([probabilities[take].mean(axis=0).argmax() for take in takes]) == of_takes
+    right, labels = probabilities[these].argmax(axis=1) == asked.labels[these], asked.labels[these]
+    if not takes:
+        return {}
+    return {
+        "seconds": float(np.mean([right[labels == number].mean() for number, _ in _present(labels)])),
+        "takes": float(np.mean([right_takes[of_takes == number].mean() for number, _ in _present(labels)])),
+    }
+
+
+def _present(labels: NDArray[np.int64]) -> list[tuple[int, str]]:
+    return [(number, name) for number, name in enumerate(CATEGORIES) if (labels == number).any()]
 
 
 def of_neighbours(train: Clips, sets: Mapping[str, Clips], workers: int | None = None) -> Verdicts:
@@ -445,13 +473,21 @@ def measured(
 
 def shares_table(report: Mapping[str, Any]) -> list[list[str]]:
     """Rows: recogniser, set, then for each change right seconds and, in brackets, right takes."""
-    rows = []
-    for name, sets in report.items():
-        for which, changes in sets.items():
-            # By name: a file of results has its keys sorted.
-            found = [changes.get(change) for change in CHANGES]
-            rows.append([name, which, *(f"{v['seconds']:.2f} ({v['takes']:.2f})" if v else "" for v in found)])
-    return rows
+    # By name: a file of results has its keys sorted.
+    return _rows(report, lambda changes: map(changes.get, CHANGES))
+
+
+def states_table(report: Mapping[str, Any]) -> list[list[str]]:
+    """Rows: recogniser, set, then for each of `STATES` right seconds and, in brackets, right takes; whole spectra."""
+    return _rows(report, lambda changes: map(changes["whole"].get, STATES))
+
+
+def _rows(report: Mapping[str, Any], cells: Callable[[Mapping[str, Any]], Iterable[Any]]) -> list[list[str]]:
+    return [
+        [name, which, *(f"{v['seconds']:.2f} ({v['takes']:.2f})" if v else "" for v in cells(changes))]
+        for name, sets in report.items()
+        for which, changes in sets.items()
+    ]
 
 
 def confusions_table(verdict_: Mapping[str, Any]) -> list[list[str]]:

@@ -138,10 +138,33 @@ def test_recordings_of_a_split_are_those_in_the_store_each_with_as_many_excerpts
     monkeypatch.setattr(separability, "read_lock", lambda _: known)
     several, once = separability.of_lock("train", 0, 2), separability.of_lock("train", 0)
     for entry in entries:
-        assert {name for name in several.names if entry.id in name} == {
+        assert {name.rsplit("/", 1)[0] for name in several.names if entry.id in name} == {
             f"{entry.category}/{entry.id}/{n}" for n in "01"
         }
     assert {len(clips.names) for clips in (several, once)} == {40, 4}, "2 × 2 × 10 s, and twice the whole of 2.5 s"
     assert {CATEGORIES[label] for label in several.labels} == {entry.category for entry in entries}
     both = separability.joined(several, once)
     assert (len(both.samples), both.names) == (44, several.names + once.names)
+
+
+def test_who_is_asked_is_asked_dry_and_reverberant_and_the_verdict_has_both() -> None:
+    clips = separability._of_voice((5, "longcase", (1,), 1, True))
+    assert {name for *_, name in clips} == {f"clock/longcase/0/{state}" for state in separability.STATES}
+    asked = separability._clips(clips)
+    levels = np.sqrt(np.mean(np.square(asked.samples), axis=1))
+    np.testing.assert_allclose(levels, 1.0, atol=1e-5)
+    dry = asked.states == "dry"
+    # Every dry second is right, of the reverberant ones none.
+    answers = np.eye(len(CATEGORIES))[np.where(dry, 5, 0)]
+    found = separability.verdict(answers, asked)
+    assert found["dry"] == {"seconds": 1.0, "takes": 1.0}
+    assert found["reverberant"] == {"seconds": 0.0, "takes": 0.0}
+    assert found["seconds"] == pytest.approx(dry.mean())
+    assert found["takes"] == 0.5
+    assert found["by_voice"] == {"clock/longcase": pytest.approx(dry.mean())}
+    report = {"network": {"test": {"whole": found}}}
+    assert separability.shares_table(report) == [["network", "test", f"{dry.mean():.2f} (0.50)", "", "", ""]]
+    assert separability.states_table(report) == [["network", "test", "1.00 (1.00)", "0.00 (0.00)"]]
+    # Training seconds are one or the other.
+    once = separability._clips(separability._of_voice((5, "longcase", (1,), 1, False)))
+    assert len(set(once.states)) == 1
