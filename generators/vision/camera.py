@@ -73,13 +73,12 @@ class PhoneCamera:
 
         height, width = rgb.shape[:2]
         gains = 2.0**self.exposure * np.array([1.0 + self.warmth, 1.0, 1.0 - self.warmth])
-        noise = rng.standard_normal((height + 2, width + 2, 3), dtype=np.float32)
-        shown = np.empty(rgb.shape, dtype=np.float32)
-        decode, encode = decode_table(), _encoded()
-        kernels.expose(rgb, noise, decode, encode, gains, self.vignette, self.shot, self.read, shown)
-        out = np.empty(rgb.shape, dtype=np.uint8)
+        noise = np.frombuffer(rng.bytes((height + 2) * (width + 2) * 3), dtype=np.uint8).reshape(height + 2, -1)
+        shown, out = np.empty((height, width * 3), dtype=np.float32), np.empty((height, width * 3), dtype=np.uint8)
+        rows, decode, encode = rgb.reshape(height, -1), decode_table(), _encoded()
+        kernels.expose(rows, noise, decode, encode, gains, self.vignette, self.shot, self.read, shown)
         kernels.sharpen(shown, self.sharpening, out)
-        return out
+        return out.reshape(rgb.shape)
 
 
 @cache

@@ -1,4 +1,7 @@
-"""Kernels of the camera model (generators/vision/camera.py)."""
+"""Kernels of the camera model (generators/vision/camera.py).
+
+Rows are handled as a whole, channels side by side, so that the compiler uses vector instructions.
+"""
 
 from __future__ import annotations
 
@@ -7,28 +10,22 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from generators.core.jit import inline, njit
+from generators.core.jit import njit
 from generators.core.scene import F32
 
 U8 = NDArray[np.uint8]
 
-_ONE, _TWO, _FOUR, _SIXTEENTH = np.float32(1.0), np.float32(2.0), np.float32(4.0), np.float32(1.0 / 16.0)
-#: Sum of the squares of the weights of `_binomial`: the variance that it leaves of white noise.
-NOISE_LEFT = (1.0 + 4.0 + 1.0) ** 2 / 256.0
-
-
-@inline
-def _binomial(values: F32, top: int, row: int, bottom: int, left: int, column: int, right: int, k: int) -> np.float32:
-    """The 3 × 3 mean with the weights 1, 2, 1 in both directions."""
-    corners = values[top, left, k] + values[top, right, k] + values[bottom, left, k] + values[bottom, right, k]
-    sides = values[top, column, k] + values[bottom, column, k] + values[row, left, k] + values[row, right, k]
-    return np.float32((corners + _TWO * sides + _FOUR * values[row, column, k]) * _SIXTEENTH)
+_ZERO, _TWO, _SIXTEENTH, _WHITE = np.float32(0.0), np.float32(2.0), np.float32(1.0 / 16.0), np.float32(255.0)
+#: Weighted sum of 3 × 3 bytes with the weights 1, 2, 1 in both directions: its mean, and the factor that gives it the
+#: variance 1, where bytes are uniform and independent. Their variance is (256² − 1) / 12; the squared weights sum to 36.
+_MEAN = np.int32(16 * 255 // 2)
+_UNIT = np.float32(1.0 / math.sqrt(36.0 * (256.0**2 - 1.0) / 12.0))
 
 
 @njit
 def expose(
     rgb: U8,
-    noise: F32,
+    noise: U8,
     decode: F32,
     encode: F32,
     gains: NDArray[np.float64],
@@ -37,11 +34,12 @@ def expose(
     read: float,
     out: F32,
 ) -> None:
-    """Write sRGB values (H, W, 3), 0 to 255 and not rounded, of what a noisy sensor behind a lens sees of ``rgb``.
+    """Write sRGB values (H, 3 W), 0 to 255 and not rounded, of what a noisy sensor behind a lens sees of ``rgb``.
 
     Args:
-        rgb: (H, W, 3).
-        noise: (H + 2, W + 2, 3) white noise of variance 1; it is smoothed.
+        rgb: (H, 3 W).
+        noise: (H + 2, 3 (W + 2)) uniform, independent bytes. Smoothed over 3 × 3 of them, they are nearly Gaussian: the
+            kurtosis is 2.7 in place of 3, and nothing lies beyond 4.6 standard deviations.
         decode: (256,) linear light of 8-bit values.
         encode: (n,) sRGB values of n equal steps of linear light.
         gains: (3,) factors of the channels.
@@ -50,31 +48,44 @@ def expose(
         read: standard deviation of the noise in the dark.
         out: written.
     """
-    height, width = rgb.shape[:2]
-    last = np.float32(len(encode))
-    of_light, of_dark = np.float32(shot / NOISE_LEFT), np.float32(read * read / NOISE_LEFT)
+    height, width = rgb.shape
+    last, most = np.float32(len(encode)), np.float32(len(encode) - 1)
+    of_light, of_dark = np.float32(shot), np.float32(read * read)
+    middle, falloff = np.empty(width, np.float32), np.empty(width, np.float32)
+    for c in range(width):
+        x = 2.0 * (c // 3) / max(width // 3 - 1, 1) - 1.0
+        middle[c] = gains[c % 3] * (1.0 - vignette * x * x / 2.0)
+        falloff[c] = gains[c % 3] * vignette / 2.0
+    column, light = np.empty(width + 6, np.int32), np.empty(width, np.float32)
     for i in range(height):
         y = 2.0 * i / max(height - 1, 1) - 1.0
-        for j in range(width):
-            x = 2.0 * j / max(width - 1, 1) - 1.0
-            falloff = 1.0 - vignette * (x * x + y * y) / 2.0
-            for k in range(3):
-                light = np.float32(decode[rgb[i, j, k]] * np.float32(falloff * gains[k]))
-                grain = _binomial(noise, i, i + 1, i + 2, j, j + 1, j + 2, k)
-                light += grain * np.float32(math.sqrt(of_light * light + of_dark))
-                out[i, j, k] = encode[int(min(max(light * last, np.float32(0.0)), last - _ONE))]
+        square = np.float32(y * y)
+        for c in range(width + 6):
+            column[c] = np.int32(noise[i, c]) + 2 * np.int32(noise[i + 1, c]) + np.int32(noise[i + 2, c])
+        for c in range(width):
+            light[c] = decode[rgb[i, c]]
+        for c in range(width):
+            value = light[c] * (middle[c] - falloff[c] * square)
+            grain = np.float32(column[c] + 2 * column[c + 3] + column[c + 6] - _MEAN) * _UNIT
+            value += grain * np.sqrt(of_light * value + of_dark)
+            light[c] = min(max(value * last, _ZERO), most)
+        for c in range(width):
+            out[i, c] = encode[int(light[c])]
 
 
 @njit
 def sharpen(shown: F32, amount: float, out: U8) -> None:
-    """Write ``shown`` (H, W, 3) plus ``amount`` of what its 3 × 3 mean lacks of it, rounded to 8 bits."""
-    height, width = shown.shape[:2]
+    """Write ``shown`` (H, 3 W) plus ``amount`` of what its 3 × 3 mean lacks of it, rounded to 8 bits."""
+    height, width = shown.shape
     share = np.float32(amount)
+    column = np.empty(width + 6, np.float32)
     for i in range(height):
         top, bottom = max(i - 1, 0), min(i + 1, height - 1)
-        for j in range(width):
-            left, right = max(j - 1, 0), min(j + 1, width - 1)
-            for k in range(3):
-                value = shown[i, j, k]
-                value += share * (value - _binomial(shown, top, i, bottom, left, j, right, k))
-                out[i, j, k] = np.uint8(np.rint(min(max(value, np.float32(0.0)), np.float32(255.0))))
+        for c in range(width):
+            column[c + 3] = shown[top, c] + _TWO * shown[i, c] + shown[bottom, c]
+        for k in range(3):  # the picture goes on at its edges as it ends
+            column[k], column[width + 3 + k] = column[k + 3], column[width + k]
+        for c in range(width):
+            value = shown[i, c]
+            value += share * (value - (column[c] + _TWO * column[c + 3] + column[c + 6]) * _SIXTEENTH)
+            out[i, c] = np.uint8(np.rint(min(max(value, _ZERO), _WHITE)))
