@@ -1,4 +1,7 @@
-"""CPU time of one full-size frame (RGB, ids, depth) in a furnished, lit flat. As a script, it prints a table."""
+"""CPU time of one full-size frame (RGB, ids, depth) in a furnished, lit flat, photographed by the default camera.
+
+As a script, it prints a table.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,9 @@ from avs3d_bench.geometry import Intrinsics, Pose
 from benchmarks.light_reference import with_matte_materials
 from generators.core.cuda import cuda_problem
 from generators.core.scene import Scene
-from generators.vision.embree import EmbreeBackend, warm_up
+from generators.options import GenerateOptions
+from generators.vision.camera import CameraBackend
+from generators.vision.embree import EmbreeBackend
 
 #: Headings from the middle of each room, degrees.
 HEADINGS = (0.0, 75.0, 160.0, 250.0)
@@ -32,9 +37,14 @@ def _flat() -> Scene:
     return bake(build_apartment("bench", 1), quality="preview")
 
 
+def camera_backend() -> CameraBackend:
+    """The default renderer before the default camera, as datasets are made."""
+    return CameraBackend(EmbreeBackend(), np.random.default_rng(0), GenerateOptions().camera)
+
+
 def _views(flat: Scene, camera: Intrinsics, repeats: int) -> list[float]:
     """CPU time of each view, the median of its repetitions (s)."""
-    session = EmbreeBackend().open(flat, camera)
+    session = camera_backend().open(flat, camera)
     views: list[float] = []
     for room in flat.rooms:
         x, _, z = (np.array(room.low) + np.array(room.high)) / 2
@@ -58,7 +68,7 @@ def bench_vision(scene: Scene | None = None, size: int = 1008, repeats: int = 5)
         ``open_cpu_s``, ``frame_cpu_s`` (median of the views), ``frame_cpu_s_worst`` (slowest view),
         ``frame_cpu_s_matte`` (median with matte materials, which need no reflections), ``faces``, ``views``.
     """
-    warm_up()
+    camera_backend().warm_up()
     flat = scene or _flat()
     camera = Intrinsics.from_fov(size)
     opening = float(np.median([_cpu(lambda: EmbreeBackend().open(flat, camera)) for _ in range(repeats)]))
@@ -98,7 +108,6 @@ def run_all(repeats: int = 5) -> dict[str, float]:
     from benchmarks.bench_pipeline import MANIFEST
     from generators.core.folders import default_cache
     from generators.homes.store import open_home
-    from generators.options import GenerateOptions
     from generators.plan import make_plans, read_manifest
 
     flat = open_home(
