@@ -162,6 +162,27 @@ def test_a_normal_map_tilts_the_reflection_by_twice_its_angle(along: int) -> Non
     assert abs(expected[along] - plain[along]) > 0.1
 
 
+@pytest.mark.parametrize(("rows", "columns"), [(2, 8), (128, 64), (16, 16)])
+def test_a_normal_map_may_have_another_size_than_the_colour(rows: int, columns: int) -> None:
+    """The right half of a mirror leans; the colour has 16 × 16 texels, and is green on the left."""
+    colour = np.full((16, 16, 3), 255, dtype=np.uint8)
+    colour[:, :8, [0, 2]] = 0
+    pixels = np.full((rows, columns, 3), (127, 127, 255), dtype=np.uint8)
+    pixels[:, columns // 2 :] = (160, 127, 251)
+    angle = np.arctan2(2 * 160 / 255 - 1, 2 * 251 / 255 - 1)
+    back, pose, size = wall(gradient(), 4.0, 9.0), ORIGIN, 65
+
+    def seen(mirror: Mesh) -> NDArray[np.float32]:
+        return radiance(scene(mirror, back), pose, size=size, fov=20.0)[32, [16, 48]]
+
+    mapped = seen(wall(metal(texture=Texture("c", colour), normal_map=Texture("n", pixels)), -3.0, 0.53))
+    plain, turned = seen(wall(metal(), -3.0, 0.53)), seen(wall(metal(), -3.0, 0.53, turn=rotation(1, angle)))
+    np.testing.assert_allclose(mapped[0], [0, plain[0, 1], 0], rtol=0.04, atol=0.01)
+    # The plane that is turned as a whole also lies 5 cm further back there.
+    np.testing.assert_allclose(mapped[1], turned[1], rtol=0.06)
+    assert abs(turned[1, 0] - plain[1, 0]) > 0.1
+
+
 def test_a_roughness_map_scales_roughness_and_metallic() -> None:
     left_rough = np.zeros((64, 64, 3), dtype=np.uint8)
     left_rough[:, :32, 1], left_rough[..., 2] = 255, 255
