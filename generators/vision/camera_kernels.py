@@ -17,7 +17,7 @@ U8 = NDArray[np.uint8]
 
 _ZERO, _TWO, _SIXTEENTH, _WHITE = np.float32(0.0), np.float32(2.0), np.float32(1.0 / 16.0), np.float32(255.0)
 #: Weighted sum of 3 × 3 bytes with the weights 1, 2, 1 in both directions: its mean, and the factor that gives it the
-#: variance 1, where bytes are uniform and independent: their variance is (256² − 1) / 12, the squared weights sum to 36.
+#: variance 1, for uniform, independent bytes: their variance is (256² − 1) / 12, the squared weights sum to 36.
 _MEAN = np.int32(16 * 255 // 2)
 _UNIT = np.float32(1.0 / math.sqrt(36.0 * (256.0**2 - 1.0) / 12.0))
 
