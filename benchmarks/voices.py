@@ -5,7 +5,7 @@
 Recordings are those of the lock file, which must be in the store (`avs3d assets fetch`), each cut to its trim;
 ``FOLDER`` has further ones, in a folder of sound files per category. A figure of a voice is within the spread if it
 lies between the least and the largest of the recordings, widened by `MARGIN`; each recording is held to the others in
-the same way. Octaves that a sample rate does not reach are left out. OUT gets voices.json, and a sheet per category
+the same way. Octaves that a sample rate, or the capture of a voice's unit, does not reach are left out. OUT gets voices.json, and a sheet per category
 (voices-CATEGORY.jpg) on which recordings have their number in voices.json.
 """
 
@@ -15,7 +15,7 @@ import argparse
 from collections.abc import Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import soundfile
@@ -26,7 +26,9 @@ from avs3d_bench.contract.layout import SAMPLE_RATE
 from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.formats.files import write_bytes, write_json
 from benchmarks.recorded_manifests import MANIFESTS
-from generators.assets.sounds import synthesise, voices
+from generators.assets.sounds import CEILING_DB, TARGET_LUFS, find_voice, voices
+from generators.assets.sounds.capture import Capture
+from generators.assets.sounds.loudness import normalised
 from generators.library.lock import LOCK_NAME, read_lock
 from generators.library.store import open_asset
 
@@ -45,14 +47,30 @@ SECONDS, UNITS = 12, 3
 SHEET_BYTES, QUALITIES = 150_000, range(80, 20, -5)
 
 
-def figures(signal: Array, rate: int) -> dict[str, float]:
-    """Figures of a sound, in dB: octave levels re the whole, modulation re the mean, crest factor, quiet moments."""
+class Unit(NamedTuple):
+    """A unit of a voice: (n,) samples at `SAMPLE_RATE`, and where the spectrum of its capture ends (Hz)."""
+
+    signal: Array
+    end: float
+
+
+def figures(signal: Array, rate: int, end: float = np.inf) -> dict[str, float]:
+    """Figures of a sound, in dB: octave levels re the whole, modulation re the mean, crest factor, quiet moments.
+
+    Args:
+        signal: (n,) mono samples.
+        rate: their sample rate (Hz).
+        end: where its spectrum ends by the capture (Hz).
+
+    Returns:
+        Name → figure; without the octaves that are not below 0.9 of half the sample rate, and below ``end``.
+    """
     spectrum = np.abs(np.fft.rfft(signal)) ** 2
     frequencies = np.fft.rfftfreq(len(signal), 1 / rate)
     total = spectrum[frequencies > 40].sum()
     out: dict[str, float] = {}
     for centre in OCTAVES:
-        if centre * np.sqrt(2) <= 0.45 * rate:
+        if centre * np.sqrt(2) <= min(0.45 * rate, end):
             band = (frequencies >= centre / np.sqrt(2)) & (frequencies < centre * np.sqrt(2))
             out[f"octave {centre}"] = _db(spectrum[band].sum() / total)
     step = rate // 200
@@ -98,24 +116,25 @@ def recordings_of_lock(category: str, lock: Path = MANIFESTS / LOCK_NAME) -> Sou
     return found
 
 
-def compare(ours: Mapping[str, Sequence[Array]], known: Sounds) -> dict[str, Any]:
+def compare(ours: Mapping[str, Sequence[Unit]], known: Sounds) -> dict[str, Any]:
     """Figures of recordings and of voices, and what of each lies outside the spread of the (other) recordings.
 
     Args:
-        ours: voice → sounds of its units.
+        ours: voice → its units.
         known: the recordings of its category.
 
     Returns:
-        ``recordings`` and ``voices``: name → ``figures``, means over the units, and ``outside``.
+        ``recordings`` and ``voices``: name → ``figures``, means over the units that have them, and ``outside``.
     """
     heard = {name: figures(*sound) for name, sound in known.items()}
     report: dict[str, Any] = {"recordings": {}, "voices": {}}
     for number, (name, row) in enumerate(heard.items(), 1):
         others = [other for key, other in heard.items() if key != name]
         report["recordings"][name] = {"number": number, "figures": row, "outside": _outside(row, others)}
-    for name, signals in ours.items():
-        units = [figures(signal, SAMPLE_RATE) for signal in signals]
-        row = {key: float(np.mean([unit[key] for unit in units])) for key in units[0]}
+    for name, drawn in ours.items():
+        units = [figures(unit.signal, SAMPLE_RATE, unit.end) for unit in drawn]
+        keys = dict.fromkeys(key for unit in units for key in unit)
+        row = {key: float(np.mean([unit[key] for unit in units if key in unit])) for key in keys}
         report["voices"][name] = {"figures": row, "outside": _outside(row, list(heard.values()))}
     return report
 
@@ -164,8 +183,13 @@ def _faults(outside: Mapping[str, Sequence[float]]) -> str:
     return "; ".join(f"{key} {a:.1f} dB, recordings {b:.1f} to {c:.1f}" for key, (a, b, c) in outside.items())
 
 
-def _unit(category: str, name: str, seed: int) -> Array:
-    return np.asarray(synthesise(category, SECONDS, np.random.default_rng([seed, 33]), voice=name), dtype=np.float64)
+def unit_of(category: str, name: str, seed: int) -> Unit:
+    """A unit as `synthesise` makes it, and where its capture ends."""
+    rng = np.random.default_rng([seed, 33])
+    sound = find_voice(category, name).play(SECONDS * SAMPLE_RATE, rng)
+    capture = Capture.drawn(rng)
+    source = normalised(capture.heard(sound, rng), SAMPLE_RATE, TARGET_LUFS, CEILING_DB)
+    return Unit(np.asarray(source, dtype=np.float64), capture.end)
 
 
 def sheet(sounds: Sounds) -> bytes:
@@ -222,18 +246,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if options.recordings:
             known |= recordings(options.recordings, category)
         found = voices(category)
-        ours = {voice.name: [_unit(category, voice.name, seed) for seed in range(UNITS)] for voice in found}
+        ours = {voice.name: [unit_of(category, voice.name, seed) for seed in range(UNITS)] for voice in found}
         report[category] = compare(ours, known)
         shown = {f"recording {number}": sound for number, sound in enumerate(known.values(), 1)}
-        shown |= {f"{voice.name} ({voice.split})": (ours[voice.name][0], SAMPLE_RATE) for voice in found}
+        shown |= {f"{voice.name} ({voice.split})": (ours[voice.name][0].signal, SAMPLE_RATE) for voice in found}
         write_bytes(options.output / f"voices-{category}.jpg", sheet(shown))
         write_json(options.output / "voices.json", report)
         for what, rows in report[category].items():
             for name, row in rows.items():
-                faults = [
-                    f"{key} {a:.1f} dB, recordings {b:.1f} to {c:.1f}" for key, (a, b, c) in row["outside"].items()
-                ]
-                print(f"{category}/{name}: {'; '.join(faults) or 'within the spread'}")
+                print(f"{category}/{name}: {_faults(row['outside']) or 'within the spread'}")
             inside = sum(not row["outside"] for row in rows.values())
             print(f"{category}: {inside} of {len(rows)} {what} within the spread", flush=True)
 

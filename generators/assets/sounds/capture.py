@@ -7,6 +7,8 @@ is trained on such sources would rely on them.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
@@ -30,32 +32,65 @@ _FLOOR_SLOPE = (-6.0, -1.0)
 _KNOTS = 31.25 * 2.0 ** np.arange(11)
 
 
-def captured(signal: Array, rng: Generator) -> Array:
-    """The signal as one recording of it: coloured, of limited bandwidth, over a floor of noise.
+@dataclass(frozen=True)
+class Capture:
+    """One recording chain.
 
-    Args:
-        signal: (n,) samples at 44,100 Hz, of any level.
-        rng: the only source of randomness.
-
-    Returns:
-        (n,) float64.
+    Attributes:
+        response: gains (dB) at `_KNOTS`.
+        end: where the spectrum ends (Hz, 3 dB down).
+        steep: order of the low-pass there.
+        begin: lower end (Hz).
+        gentle: order of the high-pass there.
+        below: level of the floor below the sound (dB).
+        slope: of the floor's spectrum (dB per octave).
     """
-    response = np.cumsum(rng.normal(0.0, _RESPONSE_DB / 2.0, len(_KNOTS)))
-    response -= response.mean()
-    end = float(rng.uniform(*_END))
-    steep = int(rng.integers(*_STEEPNESS, endpoint=True))
-    begin = float(np.exp(rng.uniform(*np.log(_BEGIN))))
-    high_pass = butter(int(rng.integers(1, 3)), begin, "highpass", fs=SAMPLE_RATE, output="sos")
-    below = rng.uniform(*_FLOOR_DB)
-    slope = rng.uniform(*_FLOOR_SLOPE)
-    level = float(np.sqrt(np.mean(np.square(signal)))) if len(signal) else 0.0
-    floor = _shaped(rng.standard_normal(len(signal)), slope * np.log2(_KNOTS / 1000.0))
-    scale = float(np.sqrt(np.mean(np.square(floor)))) if len(signal) else 0.0
-    heard = _shaped(signal, response)
-    if scale > 0:
-        heard = heard + floor * (level / scale * 10 ** (-below / 20))
-    heard = sosfilt(high_pass, heard)
-    return np.asarray(sosfilt(butter(steep, end, "lowpass", fs=SAMPLE_RATE, output="sos"), heard))
+
+    response: Array
+    end: float
+    steep: int
+    begin: float
+    gentle: int
+    below: float
+    slope: float
+
+    @classmethod
+    def drawn(cls, rng: Generator) -> Capture:
+        """A chain that ``rng`` draws."""
+        response = np.cumsum(rng.normal(0.0, _RESPONSE_DB / 2.0, len(_KNOTS)))
+        return cls(
+            response=response - response.mean(),
+            end=float(rng.uniform(*_END)),
+            steep=int(rng.integers(*_STEEPNESS, endpoint=True)),
+            begin=float(np.exp(rng.uniform(*np.log(_BEGIN)))),
+            gentle=int(rng.integers(1, 3)),
+            below=float(rng.uniform(*_FLOOR_DB)),
+            slope=float(rng.uniform(*_FLOOR_SLOPE)),
+        )
+
+    def heard(self, signal: Array, rng: Generator) -> Array:
+        """The signal through the chain: coloured, of limited bandwidth, over a floor of noise.
+
+        Args:
+            signal: (n,) samples at 44,100 Hz, of any level.
+            rng: draws the noise.
+
+        Returns:
+            (n,) float64.
+        """
+        level = float(np.sqrt(np.mean(np.square(signal)))) if len(signal) else 0.0
+        floor = _shaped(rng.standard_normal(len(signal)), self.slope * np.log2(_KNOTS / 1000.0))
+        scale = float(np.sqrt(np.mean(np.square(floor)))) if len(signal) else 0.0
+        heard = _shaped(signal, self.response)
+        if scale > 0:
+            heard = heard + floor * (level / scale * 10 ** (-self.below / 20))
+        heard = sosfilt(butter(self.gentle, self.begin, "highpass", fs=SAMPLE_RATE, output="sos"), heard)
+        return np.asarray(sosfilt(butter(self.steep, self.end, "lowpass", fs=SAMPLE_RATE, output="sos"), heard))
+
+
+def captured(signal: Array, rng: Generator) -> Array:
+    """(n,) samples at 44,100 Hz as one recording of them, by a chain that ``rng`` draws (`Capture`)."""
+    return Capture.drawn(rng).heard(signal, rng)
 
 
 def _shaped(signal: Array, gains_db: Array) -> Array:
