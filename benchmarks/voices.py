@@ -63,14 +63,14 @@ def figures(signal: Array, rate: int, end: float = np.inf) -> dict[str, float]:
         end: where its spectrum ends by the capture (Hz).
 
     Returns:
-        Name → figure; without the octaves that are not below 0.9 of half the sample rate, and below ``end``.
+        Name → figure; without the octaves that reach beyond 0.9 of half the sample rate, or of ``end``.
     """
     spectrum = np.abs(np.fft.rfft(signal)) ** 2
     frequencies = np.fft.rfftfreq(len(signal), 1 / rate)
     total = spectrum[frequencies > 40].sum()
     out: dict[str, float] = {}
     for centre in OCTAVES:
-        if centre * np.sqrt(2) <= min(0.45 * rate, end):
+        if centre * np.sqrt(2) <= 0.9 * min(rate / 2, end):
             band = (frequencies >= centre / np.sqrt(2)) & (frequencies < centre * np.sqrt(2))
             out[f"octave {centre}"] = _db(spectrum[band].sum() / total)
     step = rate // 200

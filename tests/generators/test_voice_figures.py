@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 import soundfile
 from PIL import Image
+from scipy.signal import butter, sosfilt
 
 from benchmarks import voices
+from generators.assets.sounds import synthesise
 
 RATE, SECONDS = 44_100, 8
 TIME = np.arange(RATE * SECONDS) / RATE
@@ -41,10 +43,33 @@ def test_octaves_that_a_sample_rate_does_not_reach_are_left_out() -> None:
     assert "octave 4000" not in voices.figures(np.random.default_rng(0).standard_normal(16_000), 8000)
 
 
+def test_units_are_left_out_of_octaves_that_their_capture_does_not_reach() -> None:
+    """The octave of 8 kHz ends at 11.3 kHz, 0.9 of 12.57; that of 4 kHz at 5.66, 0.9 of 6.29."""
+    noise = np.random.default_rng(0).standard_normal((3, len(TIME)))
+    known = {"recording": (noise[0], RATE)}
+    dull = sosfilt(butter(4, 4000, fs=RATE, output="sos"), noise[1])
+    short, full = voices.Unit(dull, 12_500.0), voices.Unit(noise[2], 12_600.0)
+    found = voices.compare({"both": [short, full], "short": [short]}, known)["voices"]
+    assert found["both"]["figures"]["octave 8000"] == voices.figures(full.signal, RATE)["octave 8000"]
+    both = [voices.figures(unit.signal, RATE)["octave 4000"] for unit in (short, full)]
+    assert found["both"]["figures"]["octave 4000"] == pytest.approx(np.mean(both))
+    assert "octave 8000" not in found["short"]["figures"]
+    assert "octave 4000" in found["short"]["figures"]
+    assert "octave 4000" not in voices.figures(dull, RATE, 6200.0)
+
+
+def test_a_unit_is_what_a_source_plays_and_has_the_end_of_its_capture() -> None:
+    found = voices.unit_of("clock", "carriage_lever", 1)
+    played = synthesise("clock", voices.SECONDS, np.random.default_rng([1, 33]), voice="carriage_lever")
+    np.testing.assert_array_equal(found.signal, played)
+    assert 4000 < found.end < 18_000
+
+
 def test_a_voice_is_held_to_the_spread_of_the_recordings_and_each_of_them_to_the_others() -> None:
     tone, noise = np.sin(2 * np.pi * 1000 * TIME), np.random.default_rng(0).standard_normal((3, len(TIME)))
     known = {"one": (noise[0], RATE), "other": (noise[1], RATE), "tone": (tone, RATE)}
-    report = voices.compare({"hiss": [noise[2]], "low": [np.sin(2 * np.pi * 100 * TIME)]}, known)
+    ours = {"hiss": [voices.Unit(noise[2], np.inf)], "low": [voices.Unit(np.sin(2 * np.pi * 100 * TIME), np.inf)]}
+    report = voices.compare(ours, known)
     assert report["voices"]["hiss"]["outside"] == {}
     low, least, most = report["voices"]["low"]["outside"]["octave 125"]
     assert low == pytest.approx(0.0, abs=0.01)

@@ -119,7 +119,8 @@ def longcase(count: int, rng: Generator) -> Array:
     movement = plate(rng, 900, 12_000, 34, 0.014, slope=1.0)
     case = plate(rng, 110, 1500, 26, rng.uniform(0.025, 0.05), slope=-0.8)
     seat = plate(rng, 500, 3200, 18, 0.03)
-    bodies = ((movement, 2.5e-5, 1.2), (case, 7e-4, rng.uniform(0.3, 0.6)), (seat, 1.5e-4, 1.0))
+    # The hood has sound frets, openings behind cloth that let the clicks of the movement out.
+    bodies = ((movement, 2.5e-5, 1.9), (case, 7e-4, rng.uniform(0.3, 0.6)), (seat, 1.5e-4, 1.0))
     out = ticking(count, rng, times, strokes, bodies, 30)
     return np.asarray(
         out + 0.02 * scrape(count, rng, times + 0.05, 0.2, 900) + 0.006 * movement_noise(count, rng, 120, -4.5)

@@ -66,8 +66,9 @@ def uk_desk_bell(count: int, rng: Generator) -> Array:
     contact = rng.uniform(3e-5, 7e-5)
     pair = []
     for lowest in (low, low * rng.uniform(1.15, 1.36)):
-        modes = gong(rng, lowest, rng.uniform(1.2, 3.2), rng.uniform(0.78, 0.92))
-        pair.append(_strokes(rng, modes, contact, 1.8, (rng.uniform(0.3, 0.7), rng.uniform(0.03, 0.15))))
+        # Brass that is held in its centre loses little: the gongs ring on through the pauses.
+        modes = gong(rng, lowest, rng.uniform(3.4, 6.0), rng.uniform(0.78, 0.92))
+        pair.append(_strokes(rng, modes, contact, 3.4, (rng.uniform(0.3, 0.7), rng.uniform(0.03, 0.15))))
     ringer = Ringer(
         gongs=tuple(pair),
         current=rng.uniform(24.0, 26.5),

@@ -83,11 +83,12 @@ def cordless_polyphonic(count: int, rng: Generator) -> Array:
 def mobile_buzzer_melody(count: int, rng: Generator) -> Array:
     """An early mobile telephone: one square tone at a time on a magnetic buzzer; a melody, a trill or a rising run.
 
-    Unit: melody and style, tempo, buzzer (resonance 2.0–3.1 kHz, quality 4–9), asymmetry of its diaphragm. Take:
+    Unit: melody and style, tempo, buzzer (resonance 2.0–3.1 kHz, quality 6–12), asymmetry of its diaphragm, case. Take:
     pauses between melodies, drift of the clock, rattle. Harmonics decrease as 1/k; the even ones come from the
     diaphragm, which is pulled only.
     """
-    root, beat = rng.uniform(680.0, 1150.0), rng.uniform(0.07, 0.14)
+    # The lowest note of ring tones that were sent as text (RTTTL) is 440 Hz.
+    root, beat = rng.uniform(520.0, 1000.0), rng.uniform(0.07, 0.14)
     style = int(rng.integers(0, 3))
     if style == 0:
         steps = [(s, n * beat) for s, n in tune(rng, int(rng.integers(8, 16)))]
@@ -97,21 +98,29 @@ def mobile_buzzer_melody(count: int, rng: Generator) -> Array:
     else:
         steps = [(s, 0.7 * beat) for _ in range(int(rng.integers(2, 5))) for s in (0, 4, 7, 12)]
     pieces = [np.full(int(n * SAMPLE_RATE), root * 2 ** (s / 12)) for s, n in steps]
-    gaps = [np.minimum(1.0, np.minimum(np.arange(len(p)), len(p) - 1 - np.arange(len(p))) / 150.0) for p in pieces]
+    # Each note begins on a full capacitor, which the coil's current empties until the cell alone feeds it.
+    sag, empty = rng.uniform(0.5, 1.2), rng.uniform(0.012, 0.035) * SAMPLE_RATE
+    gaps = [
+        np.minimum(1.0, np.minimum(np.arange(len(p)), len(p) - 1 - np.arange(len(p))) / 30.0)
+        * (1.0 + sag * np.exp(-np.arange(len(p)) / empty))
+        for p in pieces
+    ]
     pitch, level = np.concatenate(pieces), np.concatenate(gaps)
     orders = np.arange(1, 9)
     spectrum = np.where(orders % 2, 1.0 / orders, rng.uniform(0.1, 0.4) / orders)
     phrases = []
     for _ in range(2):
         turn = phase_of(pitch * unsteady(len(pitch), rng, 0.001, 0.001), len(pitch))
-        phrases.append(level * wave(turn, spectrum, rng))
-    out = _placed(count, rng, phrases, (0.5, 2.2), 0.05)
+        # A transistor drives the coil one way only: with each note the mean pull moves armature and case by a step.
+        phrases.append(level * (wave(turn, spectrum, rng) + rng.uniform(0.5, 1.0)))
+    out = _placed(count, rng, phrases, (0.3, 1.2), 0.05)
     rattle = np.abs(out) * rng.standard_normal(count) * rng.uniform(0.03, 0.12)
     buzzer = rng.uniform(2000.0, 3100.0)
     peaks = [
-        (buzzer, rng.uniform(4, 9), 1.0),
+        (buzzer, rng.uniform(6, 12), 1.0),
         (buzzer * rng.uniform(1.7, 2.4), rng.uniform(4, 10), rng.uniform(0.1, 0.4)),
         (rng.uniform(900, 1500), rng.uniform(1.5, 3.0), rng.uniform(0.2, 0.5)),
+        (rng.uniform(380, 650), rng.uniform(2.0, 4.0), rng.uniform(0.2, 0.5)),
     ]
     heard = resonator(out + rattle, peaks, rng.uniform(0.1, 0.25))
     band = butter(1, [500.0, rng.uniform(7000, 11_000)], "bandpass", fs=SAMPLE_RATE, output="sos")

@@ -138,12 +138,13 @@ def _stored(rng: Generator, seconds: float, rate: int = 8000) -> Array:
 def voip_office(count: int, rng: Generator) -> Array:
     """An office set: a stored ring of 8 kHz and 8 bits through the loudspeaker of the hands-free set.
 
-    Unit: the stored waveform (mixtures that trill at 13–24 Hz or pulses), cadence of the exchange (single for internal
-    calls, double or triple for others), loudspeaker and chassis, volume. Take: which cadence a call has, the chassis'
+    Unit: the stored waveform (mixtures that trill at 13–24 Hz or pulses), its pauses (no ringing current comes to a set
+    on a data network: it repeats the file, with rings that are single for internal calls, double or triple for others,
+    and pauses that are shorter than an exchange's), loudspeaker and chassis, volume. Take: which cadence a call has, the chassis'
     rattle, level of each ring, delay of the network's message.
     Source: ITU-T G.711 (1988) companding; the reconstruction filter leaves a little of the images above 4 kHz.
     """
-    patterns = ((1.0, 3.0), (0.4, 0.3, 0.4, 2.4), (1.8, 3.2), (0.5, 0.25, 0.5, 0.25, 0.5, 2.5))
+    patterns = ((2.0, 1.0), (0.9, 0.2, 0.9, 0.8), (1.6, 0.8), (0.6, 0.15, 0.6, 0.15, 0.6, 0.8))
     first, other = (patterns[int(k)] for k in rng.choice(len(patterns), 2, replace=False))
     wave = _stored(rng, 2.1)
     leak = rng.uniform(0.01, 0.06)

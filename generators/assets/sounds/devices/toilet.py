@@ -325,10 +325,11 @@ def running_ballcock(count: int, rng: Generator) -> Array:
         take.at(now + length, rng.uniform(0.2, 0.8), knock(rng, 200, 2500, 0.08))
         now += max(length + 2.0, every * rng.uniform(0.75, 1.25))
     power = take.power("fill", spectrum(_VALVE, rng, 1.5), 2.2, 10.0)
-    power += take.power("-", spectrum(_RIM, rng, 1.5), 2.5, 5.0, least=rng.uniform(0.2, 0.4))
-    power += take.power("-", spectrum(_PLUME, rng, 1.0, 2.0, 3), 3.0, 5.0, least=rng.uniform(0.3, 0.5))
+    # A thin jet breaks into drops (Rayleigh), which strike the water in lumps some ten times a second.
+    power += take.power("-", spectrum(_RIM, rng, 1.5), 5.0, 10.0, least=rng.uniform(0.2, 0.4))
+    power += take.power("-", spectrum(_PLUME, rng, 1.0, 2.0, 3), 5.0, 10.0, least=rng.uniform(0.3, 0.5))
     trickle = rng.uniform(40.0, 90.0)
-    water = 0.9 * take.bubbles("fill", 40, (0.9, 5.0), trickle) + 1.3 * take.splashes("fill", 25, 0.3 * trickle)
+    water = 0.9 * take.bubbles("fill", 40, (0.9, 5.0), trickle) + 2.2 * take.splashes("fill", 25, 0.3 * trickle)
     return take.heard(power, water)
 
 
