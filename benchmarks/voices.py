@@ -5,8 +5,8 @@
 Recordings are those of the lock file, which must be in the store (`avs3d assets fetch`), each cut to its trim;
 ``FOLDER`` has further ones, in a folder of sound files per category. A figure of a voice is within the spread if it
 lies between the least and the largest of the recordings, widened by `MARGIN`; each recording is held to the others in
-the same way. Octaves that a sample rate, or the capture of a voice's unit, does not reach are left out. OUT gets voices.json, and a sheet per category
-(voices-CATEGORY.jpg) on which recordings have their number in voices.json.
+the same way. Octaves that a sample rate, or the capture of a voice's unit, does not reach are left out. OUT gets
+voices.json, and a sheet per category (voices-CATEGORY.jpg) on which recordings have their number in voices.json.
 """
 
 from __future__ import annotations

@@ -250,7 +250,7 @@ def over_range_vent(count: int, rng: Generator) -> Array:
     Model: two cages of 32 to 44 short blades on a capacitor motor of two poles with speed windings (turns: 60 to 92 %
     of the mains frequency): the blade tone at 1 to 2.3 kHz is weak and wide; the noise falls by 2 to 3 dB per
     octave band, as that of forward-curved wheels does; mesh filters hum like a comb. The inlet is below the oven, so
-    the blowers are heard round its edge. The oven below it as `turntable_transformer`. Units: cages, windings, filters, core.
+    the blowers are heard round its edge. The oven as `turntable_transformer`. Units: cages, windings, filters, core.
     """
     held = session(count, rng, (35.0, 140.0), (6.0, 10.0))
     nominal, cycle = mains(count, rng)
@@ -264,7 +264,9 @@ def over_range_vent(count: int, rng: Generator) -> Array:
     orders = {1: 0.6, 2: 0.5, 3: 0.3, 4: 0.2, 5: 0.15, cages: 0.6, cages - 1: 0.25, cages + 1: 0.25, 2 * cages: 0.15}
     tones = rotor(turns, orders, rng, 60.0, 0.4, 0.5)
     comb = modes([(rng.uniform(700.0, 3200.0), rng.uniform(3.0, 8.0), 6.0) for _ in range(5)])
-    blow = noise(count, rng, turbulence(rng, rng.uniform(280.0, 600.0), rng.uniform(5.0, 6.0), 5.0, 2.5) + comb + louvres(rng))
+    blow = noise(
+        count, rng, turbulence(rng, rng.uniform(280.0, 600.0), rng.uniform(5.0, 6.0), 5.0, 2.5) + comb + louvres(rng)
+    )
     air, fan = shaded_pole_fan(count, rng, spin_down(count, rng, held.cooking, 0.2), nominal, (0.08, 0.14), 900.0)
     grease = impacts(count, rng, 0.7 * high + 0.1, slopes([(250.0, -4.0), (1100.0, 0.0), (6000.0, -15.0)]), 0.7, 0.08)
     return np.asarray(

@@ -74,7 +74,7 @@ VOICES: tuple[Voice, ...] = (
         "voip_office",
         "test",
         "stored waveform at 8 kHz, companded, through a desk set's loudspeaker",
-        "ITU-T G.711 (1988) companding; cadences of private exchanges",
+        "ITU-T G.711 (1988) companding; rings and pauses of the stored file",
         tones.voip_office,
     ),
     Voice(

@@ -140,8 +140,8 @@ def voip_office(count: int, rng: Generator) -> Array:
 
     Unit: the stored waveform (mixtures that trill at 13–24 Hz or pulses), its pauses (no ringing current comes to a set
     on a data network: it repeats the file, with rings that are single for internal calls, double or triple for others,
-    and pauses that are shorter than an exchange's), loudspeaker and chassis, volume. Take: which cadence a call has, the chassis'
-    rattle, level of each ring, delay of the network's message.
+    and pauses that are shorter than an exchange's), loudspeaker and chassis, volume. Take: which cadence a call has,
+    the chassis' rattle, level of each ring, delay of the network's message.
     Source: ITU-T G.711 (1988) companding; the reconstruction filter leaves a little of the images above 4 kHz.
     """
     patterns = ((2.0, 1.0), (0.9, 0.2, 0.9, 0.8), (1.6, 0.8), (0.6, 0.15, 0.6, 0.15, 0.6, 0.8))
