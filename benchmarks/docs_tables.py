@@ -32,6 +32,7 @@ from benchmarks import (
     comparison_power,
     home_coverage,
     leaderboard_page,
+    leaks,
     listener_aims,
     listener_best,
     listener_page,
@@ -202,6 +203,10 @@ class Results:
         """Voices and recordings within the spread of the recordings."""
         head = ["category", "recordings", "of them within the spread of the others", "voices within it", "outside, dB"]
         return text(head, voices.spread_table(self.json("voices")))
+
+    def leaks(self, part: str) -> str:
+        """How often rules without access to the sound choose what sounds."""
+        return text(*leaks.table(self.json("leaks"), self.json("leaks-control"), part))
 
     def bandwidths(self) -> str:
         """Bandwidth and floor of recordings and of voices."""
@@ -510,6 +515,7 @@ def blocks(docs: Path) -> dict[str, list[tuple[str, Callable[[], str]]]]:
             ("statistics", lambda: picture_statistics.table(own.json("picture-statistics"))),
             ("speed", lambda: speed(docs / "bench.json")),
         ],
+        "docs/leaks.md": [(part, partial(own.leaks, part)) for part in ("part_2", "part_1")],
         "docs/light.md": [("rooms", own.light), ("surfaces", own.light_surfaces)],
         "docs/listener-training.md": [("runs", own.runs), ("curves", own.curves)],
         "docs/listener-trials.md": [("ablation", own.ablation)],

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -330,6 +330,36 @@ def summary(seen: Sequence[Seen], verdicts: Sequence[Verdict]) -> dict[str, Any]
 
 def _verdict(verdict: Verdict) -> dict[str, Any]:
     return {**vars(verdict), "deviation": verdict.deviation, "leaks": verdict.leaks}
+
+
+def table(document: Mapping[str, Any], control: Mapping[str, Any], part: str) -> tuple[list[str], list[list[str]]]:
+    """Head and rows: rule, its share over all samples, its least and most deviation of a sample, the control.
+
+    Args:
+        document: contents of the JSON file of some samples.
+        control: the same with ``--biased``.
+        part: part_1 or part_2.
+    """
+
+    def of_part(rules: Sequence[Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
+        return {one["rule"]: one for one in rules if one["part"] == part}
+
+    def size(rules: Mapping[str, Mapping[str, Any]]) -> str:
+        one = next(iter(rules.values()))
+        return f"{one['observations']} observations, chance {one['chance']:.3f}"
+
+    def signed(value: float) -> str:
+        return f"{value:+.2f}".replace("-", "−")
+
+    pooled, biased = of_part(document["pooled"]), of_part(control["pooled"])
+    samples = [of_part(sample["rules"]) for sample in document["samples"]]
+    head = ["rule", size(pooled), f"least and most of the {len(samples)} samples", f"control (biased): {size(biased)}"]
+    rows = []
+    for rule, one in pooled.items():
+        apart = sorted(sample[rule]["deviation"] for sample in samples)
+        shares = [f"{each['accuracy']:.3f} ({signed(each['deviation'])})" for each in (one, biased[rule])]
+        rows.append([rule, shares[0], f"{signed(apart[0])}, {signed(apart[-1])}", shares[1]])
+    return head, rows
 
 
 @click.command()

@@ -10,7 +10,7 @@ import yaml
 
 pytest.importorskip("sklearn", reason="the trained rule needs scikit-learn (extra baselines)")
 from avs3d_bench.errors import Avs3dError
-from benchmarks.leaks import IN_VIEW, LIMIT, RULES, TRAINED, Seen, judge, observe, pool, survey
+from benchmarks.leaks import IN_VIEW, LIMIT, RULES, TRAINED, Seen, judge, observe, pool, survey, table
 from benchmarks.unseen_homes import MANIFESTS, plans_of, sample_manifest, used_seeds
 from generators.options import GenerateOptions
 from generators.plan import make_plans, read_manifest
@@ -55,6 +55,21 @@ def test_the_trained_rule_finds_what_runs_the_other_way() -> None:
     verdicts = {v.rule: v for v in judge(seen)}
     assert verdicts[RULES[0]].deviation < -LIMIT
     assert verdicts[TRAINED].leaks
+
+
+def test_the_table_has_all_samples_their_extremes_and_the_control() -> None:
+    samples = [judge(planted(0, share)) for share in (0.0, 0.5)]
+    document = {
+        "samples": [{"rules": [vars(v) | {"deviation": v.deviation} for v in sample]} for sample in samples],
+        "pooled": [vars(v) | {"deviation": v.deviation} for v in pool(samples)],
+    }
+    head, rows = table(document, document, "part_2")
+    assert head[2] == "least and most of the 2 samples"
+    assert head[1].startswith("400 observations, chance 0.")
+    assert [row[0] for row in rows] == [*RULES, TRAINED]
+    first, pooled = rows[0], pool(samples)[0]
+    assert first[1] == first[3] == f"{pooled.accuracy:.3f} (+{pooled.deviation:.2f})"
+    assert first[2].endswith(f", +{samples[1][0].deviation:.2f}")
 
 
 def test_samples_together_are_judged_as_one_sample_of_all() -> None:
