@@ -200,7 +200,7 @@ def test_mixtures_are_those_of_the_formula(seed: int):
     states = np.array(list(itertools.product((False, True), repeat=2)))
     share = rng.dirichlet(np.ones(3), bands).T
     pool = (2, 0)
-    found = sources_of_sound._sets(*heard.of(pool), states, share)
+    found = sources_of_sound._sets(heard.of(pool), states, share)
     band = np.repeat(np.arange(bands), width)
     for s, state in enumerate(states):
         part = share[1:, band] * (state[:, None] * heard.nearness[:, list(pool)][:, :, None]).transpose(0, 1, 2)
@@ -226,8 +226,8 @@ def test_every_step_of_the_shares_raises_the_likelihood(seed: int):
     share = np.full((3, bands), 1 / 3)
     before = -np.inf
     for _ in range(20):
-        value = float((probability * sources_of_sound._sets(*heard.of((0, 1)), states, share)).sum())
+        value = float((probability * sources_of_sound._sets(heard.of((0, 1)), states, share)).sum())
         assert value >= before - 1e-6
         before = value
-        share = sources_of_sound._counts(*heard.of((0, 1)), states, share, probability, 1e-9)
+        share = sources_of_sound._counts(heard.of((0, 1)), states, share, probability, 1e-9)
         share /= share.sum(axis=0)
