@@ -9,7 +9,8 @@ else. With the densities A of the cues (in the cell's band) a set S of places ha
 found with expectation maximisation (Mandel, Weiss, Ellis 2010). The densities:
 
 - direct sound: von Mises around the phase of a rigid sphere (`binaural.sphere_phase`), and a normal distribution
-  around the level difference of Brown and Duda's head, compressed by `ILD_GAIN`, because every bin of a room holds reflections;
+  around the level difference of Brown and Duda's head, compressed by `ILD_GAIN`, because every bin of a room holds
+  reflections;
 - diffuse sound: von Mises around 0 with the coherence sin(kd)/(kd) of a diffuse field at two points (R. K. Cook et al.,
   JASA 27 (1955) 1072), and a normal distribution around 0 dB.
 

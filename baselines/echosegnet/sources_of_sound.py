@@ -37,6 +37,8 @@ _ALWAYS_STEPS = 12
 #: Steps of the shares, which converge slowest, in each round of expectation maximisation: few before it is known when
 #: the sources are on.
 _STEPS = (1, 1, 1, 2, 4, 4)
+#: Cells with less of a frame's weight count for nothing: three quarters of them, which hold a twentieth of the weight.
+_LEAST_CELL = 5e-4
 #: Weight of cells that each component of a band has beforehand, so that none dies out.
 _LEAST_WEIGHT = 1e-3
 #: Spacing of the levels of a background that are tried (dB), and how far frames of one level may differ from it.
@@ -55,7 +57,7 @@ _LEAST_FRAMES, _MOST_BELOW, _MOST_CONTRADICTIONS = 3, 5.0, 0.02
 
 @dataclass(frozen=True, eq=False)
 class PoolCells:
-    """The N cells that have a weight, of all T frames, and their densities for the m sources of a pool.
+    """The N cells that count, of all T frames, and their densities for the m sources of a pool.
 
     Attributes:
         frame, band: (N,) of each cell.
@@ -105,7 +107,7 @@ class HeardFrames:
     @cached_property
     def _every(self) -> PoolCells:
         """The cells of all places."""
-        frame, cell = np.nonzero(self.weights)
+        frame, cell = np.nonzero(self.weights > _LEAST_CELL * self.weights.sum(axis=1, keepdims=True))
         band = np.searchsorted(self.bands, cell, side="right") - 1
         weight, number = self.weights[frame, cell].astype(np.float32), np.arange(len(cell))
         start = np.searchsorted(frame, np.arange(len(self.weights) + 1))
@@ -257,7 +259,7 @@ def _empty(heard: HeardFrames, octaves: float) -> Array:
 
 def _totals(sound: PoolCells, states: NDArray[np.bool_], share: Array) -> Array:
     """(T, S, bands) sum of the components' weights while each set of sources sounds."""
-    return np.asarray(share[0] + np.einsum("sk,tk,kb->tsb", states, sound.nearness, share[1:], optimize=True))
+    return np.asarray(share[0] + states.astype(np.float64) @ (sound.nearness[:, :, None] * share[1:]))
 
 
 def _sets(sound: PoolCells, states: NDArray[np.bool_], share: Array) -> Array:
@@ -286,7 +288,7 @@ def _counts(sound: PoolCells, states: NDArray[np.bool_], share: Array, probabili
     ratio *= sound.weight
     count = np.vstack([diffuse * ratio.sum(axis=0), parts * (alike.T @ ratio)])
     part = probability[:, :, None] * sound.amount[:, None] / _totals(sound, on, share)
-    due = np.einsum("tsb,sk,tk->kb", part, on, sound.nearness, optimize=True)
+    due = (sound.nearness[:, :, None] * (on.T.astype(np.float64) @ part)).sum(axis=0)
     return np.asarray((least + (sound.by_band @ count.T).T) / (least + np.vstack([part.sum(axis=(0, 1)), due])))
 
 
