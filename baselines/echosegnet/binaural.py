@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.fft import rfft, rfftfreq
 from scipy.signal import lfilter
+from scipy.special import eval_legendre, spherical_jn, spherical_yn
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
 from avs3d_bench.errors import Avs3dError
@@ -167,6 +168,23 @@ def woodworth_itd(lateral: ArrayLike) -> Array:
     """ITD in s of a far source at ``lateral`` radians: (a/c)(φ + sin φ), positive on the right (Woodworth 1938)."""
     phi = np.asarray(lateral, dtype=np.float64)
     return np.asarray(HEAD_RADIUS / SPEED_OF_SOUND * (phi + np.sin(phi)))
+
+
+def sphere_phase(frequencies: ArrayLike, lateral: ArrayLike) -> Array:
+    """(L, F) interaural phase (radians) of a far source for a rigid sphere with ears at ±90°, positive right.
+
+    Duda and Martens's series for a source at infinity. Its delay is half as large again as Woodworth's at the lowest
+    frequencies and falls towards it above 1 kHz (G. F. Kuhn, JASA 62 (1977) 157, fig. 2).
+    """
+    size = (2 * np.pi * HEAD_RADIUS / SPEED_OF_SOUND * np.asarray(frequencies, dtype=np.float64))[:, None]
+    order = np.arange(int(1.5 * size.max(initial=0.0)) + 12)
+    slope = spherical_jn(order, size, derivative=True) + 1j * spherical_yn(order, size, derivative=True)
+    terms = (2 * order + 1) * 1j**order / slope
+    right, left = (
+        eval_legendre(order, np.cos(np.pi / 2 + side * np.asarray(lateral, dtype=np.float64)[:, None])) @ terms.T
+        for side in (-1, 1)
+    )
+    return np.asarray(np.angle(right * np.conj(left)))
 
 
 def shadow_power(frequency: ArrayLike, incidence: ArrayLike) -> Array:

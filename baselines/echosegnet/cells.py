@@ -6,7 +6,7 @@ and the sum names none of them. Here the bins' cues are kept as weighted histogr
 depends on its band and its cue alone (M. I. Mandel, R. J. Weiss, D. P. W. Ellis, "Model-based expectation-maximization
 source separation and localization", IEEE Trans. Audio, Speech and Language Processing 18 (2010) 382):
 
-- *interaural phase* of each STFT bin from 150 Hz to 1.5 kHz, `PHASE_LEVELS` values from −π to π;
+- *interaural phase* of STFT bins in `PHASE_BAND`, `PHASE_LEVELS` values from −π to π;
 - *interaural level* of each octave from 707 Hz on in each window of the STFT, `ILD_LEVELS` values.
 
 A bin's weight is that of `binaural`: bins just after an onset count most, because there the direct sound has arrived
@@ -29,6 +29,11 @@ from baselines.echosegnet import binaural
 
 Array = NDArray[np.float64]
 
+#: The phases' band (Hz). Above 1.5 kHz one phase fits several directions, but the bins together fit only one, more
+#: narrowly than those below: a source 10° aside has a phase of 37° at 1 kHz and of 130° at 4 kHz.
+PHASE_BAND = (150.0, 4000.0)
+#: Every so many bins of the STFT: with Hann's window, neighbours say the same.
+_BIN_STEP = 2
 #: Number of values of the interaural phase: 15° each.
 PHASE_LEVELS = 24
 #: Centres of the values of the interaural level difference (dB); what lies beyond counts as the outermost.
@@ -76,10 +81,10 @@ def observe(clips: NDArray[np.floating]) -> Cells:
     """
     clips = binaural.checked(clips)
     frequencies = rfftfreq(binaural.WINDOW, 1 / SAMPLE_RATE)
-    used = (frequencies >= binaural.PHASE_BAND[0]) & (frequencies < binaural.PHASE_BAND[1])
+    used = np.flatnonzero((frequencies >= PHASE_BAND[0]) & (frequencies < PHASE_BAND[1]))[::_BIN_STEP]
     edges = np.searchsorted(frequencies, binaural.OCTAVE_EDGES)
     octaves = len(binaural.OCTAVE_EDGES) - 1
-    phase = np.zeros((len(clips), int(used.sum()), PHASE_LEVELS))
+    phase = np.zeros((len(clips), len(used), PHASE_LEVELS))
     ild = np.zeros((len(clips), octaves - FIRST_OCTAVE, len(ILD_LEVELS)))
     octave = np.zeros((len(clips), octaves))
     window_power = float(np.square(np.hanning(binaural.WINDOW + 1)[: binaural.WINDOW]).sum())

@@ -8,8 +8,9 @@ else. With the densities A of the cues (in the cell's band) a set S of places ha
 
 found with expectation maximisation (Mandel, Weiss, Ellis 2010). The densities:
 
-- direct sound: von Mises around the phase 2πf·ITD of Woodworth's sphere, and a normal distribution around the level
-  difference of Brown and Duda's head, compressed by `ILD_GAIN`, because every bin of a room holds reflections;
+- direct sound: von Mises around the phase of a rigid sphere (`binaural.sphere_phase`), and a normal distribution
+  around the level difference of Brown and Duda's head, compressed by `ILD_GAIN`, because every bin of a room holds
+  reflections;
 - diffuse sound: von Mises around 0 with the coherence sin(kd)/(kd) of a diffuse field at two points (R. K. Cook et al.,
   JASA 27 (1955) 1072), and a normal distribution around 0 dB.
 
@@ -55,7 +56,7 @@ def _density(logarithm: Array) -> Array:
 
 def direct_table(frequencies: Array) -> Array:
     """(G, C) density of each cell within its band for direct sound from each lateral angle of the grid."""
-    phase = 2 * np.pi * frequencies * binaural.woodworth_itd(_GRID)[:, None]
+    phase = binaural.sphere_phase(frequencies, _GRID)
     phases = _density(PHASE_CONCENTRATION * np.cos(_PHASES - phase[..., None]))
     ild = ILD_GAIN * binaural.head_shadow_ild(_GRID)[:, FIRST_OCTAVE:, None]
     ilds = _density(-0.5 * np.square((ILD_LEVELS - ild) / ILD_DEVIATION))

@@ -16,13 +16,13 @@ the prior probability is that of a pool whose sources always sound.
 
 from __future__ import annotations
 
-import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from baselines.echosegnet import binaural
 from baselines.echosegnet.chains import Chains
@@ -37,6 +37,8 @@ _ALWAYS_STEPS = 12
 #: Steps of the shares, which converge slowest, in each round of expectation maximisation: few before it is known when
 #: the sources are on.
 _STEPS = (1, 1, 1, 2, 4, 4)
+#: Cells with less of a frame's weight count for nothing: three quarters of them, which hold a twentieth of the weight.
+_LEAST_CELL = 5e-4
 #: Weight of cells that each component of a band has beforehand, so that none dies out.
 _LEAST_WEIGHT = 1e-3
 #: Spacing of the levels of a background that are tried (dB), and how far frames of one level may differ from it.
@@ -51,6 +53,35 @@ _OCTAVE_FLOOR, _NO_SOUND = 50.0, -150.0
 #: Frames that must have the spectrum of a background; how far below it a frame may be (standard deviations), and the
 #: share of frames that may be farther.
 _LEAST_FRAMES, _MOST_BELOW, _MOST_CONTRADICTIONS = 3, 5.0, 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class PoolCells:
+    """The N cells that count, of all T frames, and their densities for the m sources of a pool.
+
+    Attributes:
+        frame, band: (N,) of each cell.
+        start: (T + 1,) where the cells of each frame begin.
+        weight: (N,) of each cell.
+        amount: (T, bands) sum of the weights.
+        by_band: (bands, N) 1 for each cell of a band.
+        densities: (m, N) for each source, over those of diffuse sound, times its nearness.
+        nearness: (T, m) see `HeardFrames`.
+    """
+
+    frame: NDArray[np.intp]
+    band: NDArray[np.intp]
+    start: NDArray[np.intp]
+    weight: Single
+    amount: Array
+    by_band: csr_array
+    densities: Single
+    nearness: Array
+
+    def parts(self, share: Array) -> tuple[Single, Single]:
+        """(N,) the diffuse part and (m, N) those of the sources in the cells, with shares (1 + m, bands)."""
+        single: Single = share.astype(np.float32)[:, self.band]
+        return single[0], single[1:] * self.densities
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,25 +105,22 @@ class HeardFrames:
     nearness: Array
 
     @cached_property
-    def used(self) -> NDArray[np.intp]:
-        """(c,) the cells that have a weight in any frame."""
-        return np.flatnonzero(self.weights.any(axis=0))
+    def _every(self) -> PoolCells:
+        """The cells of all places."""
+        frame, cell = np.nonzero(self.weights > _LEAST_CELL * self.weights.sum(axis=1, keepdims=True))
+        band = np.searchsorted(self.bands, cell, side="right") - 1
+        weight, number = self.weights[frame, cell].astype(np.float32), np.arange(len(cell))
+        start = np.searchsorted(frame, np.arange(len(self.weights) + 1))
+        by_band = csr_array((np.ones(len(cell), np.float32), (band, number)), shape=(len(self.bands), len(cell)))
+        amount = np.zeros((len(self.weights), len(self.bands)))
+        np.add.at(amount, (frame, band), weight)
+        densities = (self.nearness[frame] * self.places[frame, :, cell]).T.astype(np.float32, order="C")
+        return PoolCells(frame, band, start, weight, amount, by_band, densities, self.nearness)
 
-    @cached_property
-    def band(self) -> NDArray[np.intp]:
-        """(c,) the band of each used cell."""
-        return np.asarray(np.searchsorted(self.bands, self.used, side="right") - 1)
-
-    @cached_property
-    def compact(self) -> tuple[Single, Single]:
-        """(T, c) weights and (J, T, c) densities of the used cells."""
-        densities = self.places[:, :, self.used].transpose(1, 0, 2)
-        return self.weights[:, self.used].astype(np.float32), np.ascontiguousarray(densities, dtype=np.float32)
-
-    def of(self, pool: tuple[int, ...]) -> tuple[Single, Single, NDArray[np.intp], Array]:
-        """Weights (T, c), densities (m, T, c) and band (c,) of the used cells, and nearness (T, m), of a pool."""
-        weights, densities = self.compact
-        return weights, densities[list(pool)], self.band, self.nearness[:, list(pool)]
+    def of(self, pool: tuple[int, ...]) -> PoolCells:
+        """What the likelihood of a pool needs."""
+        places = list(pool)
+        return replace(self._every, densities=self._every.densities[places], nearness=self.nearness[:, places])
 
     @cached_property
     def levels(self) -> Array:
@@ -175,8 +203,7 @@ def fit(heard: HeardFrames, pool: tuple[int, ...], *, bins: float, octaves: floa
     if not pool:
         return Fit(float(empty.sum()), np.zeros((len(heard.frames), 0)))
     cells = heard.of(pool)
-    count = int(heard.band.max(initial=-1)) + 1
-    share = np.full((1 + len(pool), count), 1.0 / (1 + len(pool)))
+    share = np.full((1 + len(pool), len(heard.bands)), 1.0 / (1 + len(pool)))
     typical = np.median(heard.levels[heard.frames], axis=0) if heard.frames.any() else heard.levels[0]
     level = np.tile(typical - 10 * np.log10(len(pool)), (len(pool), 1))
     start = np.zeros((len(heard.frames), len(states)))
@@ -184,10 +211,10 @@ def fit(heard: HeardFrames, pool: tuple[int, ...], *, bins: float, octaves: floa
 
     def improve(steps: int, probability: Array, share: Array, level: Array) -> tuple[Array, Array, Array]:
         for _ in range(steps):
-            share = _counts(*cells, states, share, probability, _LEAST_WEIGHT)
+            share = _counts(cells, states, share, probability, _LEAST_WEIGHT)
             share /= share.sum(axis=0)
         level = _levels(heard, states, level, probability)
-        emission = bins * _sets(*cells, states, share) + octaves * _level_likelihoods(heard, states, level)
+        emission = bins * _sets(cells, states, share) + octaves * _level_likelihoods(heard, states, level)
         emission[~heard.frames] = _UNLIKELY
         emission[:, 0] = empty
         return share, level, emission
@@ -230,96 +257,39 @@ def _empty(heard: HeardFrames, octaves: float) -> Array:
     return out
 
 
-# The kernels are compiled in each process that needs them, in ten seconds, and kept where NUMBA_CACHE_DIR names
-# a folder: a cache beside the source could not be written where the installation is read-only.
-_KEPT = bool(os.environ.get("NUMBA_CACHE_DIR"))
+def _totals(sound: PoolCells, states: NDArray[np.bool_], share: Array) -> Array:
+    """(T, S, bands) sum of the components' weights while each set of sources sounds."""
+    return np.asarray(share[0] + states.astype(np.float64) @ (sound.nearness[:, :, None] * share[1:]))
 
 
-@numba.njit(cache=_KEPT)
-def _fill_totals(total: Array, share: Array, nearness: Array, on: NDArray[np.bool_]) -> None:
-    """Write the sum of the components' weights into ``total`` (bands,), while the sources ``on`` (m,) sound."""
-    for b in range(len(total)):
-        total[b] = share[0, b]
-        for k in range(len(on)):
-            if on[k]:
-                total[b] += nearness[k] * share[1 + k, b]
+def _sets(sound: PoolCells, states: NDArray[np.bool_], share: Array) -> Array:
+    """(T, S) log-likelihood of the cells while each set of states (S, m) of sources sounds; see `fit`."""
+    diffuse, parts = sound.parts(share)
+    mixed = states.astype(np.float32) @ parts
+    mixed += diffuse
+    totals = np.einsum("tb,tsb->ts", sound.amount, np.log(_totals(sound, states, share)))
+    np.log(mixed, out=mixed)
+    return np.asarray([mixed[:, a:b] @ sound.weight[a:b] for a, b in pairwise(sound.start)] - totals)
 
 
-@numba.njit(cache=_KEPT)
-def _mixed(share: Array, nearness: Array, densities: Single, on: NDArray[np.bool_], t: int, c: int, b: int) -> float:
-    """The components' weighted densities of cell c of band b in frame t, before they are divided by their total."""
-    out = share[0, b]
-    for k in range(len(on)):
-        if on[k]:
-            out += nearness[k] * share[1 + k, b] * densities[k, t, c]
-    return float(out)
-
-
-@numba.njit(cache=_KEPT)
-def _sets(
-    weights: Single, densities: Single, band: NDArray[np.intp], nearness: Array, states: NDArray[np.bool_], share: Array
-) -> Array:
-    """(T, S) log-likelihood of the cells (T, c) while each set of states (S, m) of sources sounds; see `fit`."""
-    frames, cells = weights.shape
-    out = np.zeros((frames, len(states)))
-    total = np.empty(share.shape[1])
-    for t in range(frames):
-        for s in range(len(states)):
-            _fill_totals(total, share, nearness[t], states[s])
-            value = 0.0
-            for c in range(cells):
-                if weights[t, c] > 0:
-                    b = band[c]
-                    mixed = _mixed(share, nearness[t], densities, states[s], t, c, b)
-                    value += weights[t, c] * np.log(mixed / total[b])
-            out[t, s] = value
-    return out
-
-
-@numba.njit(cache=_KEPT)
-def _counts(
-    weights: Single,
-    densities: Single,
-    band: NDArray[np.intp],
-    nearness: Array,
-    states: NDArray[np.bool_],
-    share: Array,
-    probability: Array,
-    least: float,
-) -> Array:
-    """(1 + m, bands) the next shares from the probabilities (T, S) of the states.
+def _counts(sound: PoolCells, states: NDArray[np.bool_], share: Array, probability: Array, least: float) -> Array:
+    """(1 + m, bands) the next shares from the probabilities (T, S) of the states (S, m).
 
     Minorisation and maximisation (D. R. Hunter, Annals of Statistics 32 (2004) 384, eq. 6): a component's share is its
     count of cells over the count that a share of 1 would be due.
     """
-    frames, cells = weights.shape
-    sources, bands = states.shape[1], share.shape[1]
-    count, due = np.full_like(share, least), np.full_like(share, least)
-    total, amount = np.empty(bands), np.empty(bands)
-    for t in range(frames):
-        amount[:] = 0.0
-        for c in range(cells):
-            amount[band[c]] += weights[t, c]
-        for s in range(len(states)):
-            if probability[t, s] < least or not states[s].any():
-                continue
-            _fill_totals(total, share, nearness[t], states[s])
-            for b in range(bands):
-                part = probability[t, s] * amount[b] / total[b]
-                due[0, b] += part
-                for k in range(sources):
-                    if states[s, k]:
-                        due[1 + k, b] += part * nearness[t, k]
-            for c in range(cells):
-                if weights[t, c] > 0:
-                    b = band[c]
-                    mixed = _mixed(share, nearness[t], densities, states[s], t, c, b)
-                    ratio = probability[t, s] * weights[t, c] / mixed
-                    count[0, b] += share[0, b] * ratio
-                    for k in range(sources):
-                        if states[s, k]:
-                            count[1 + k, b] += nearness[t, k] * share[1 + k, b] * densities[k, t, c] * ratio
-    return count / due
+    used = (probability >= least).any(axis=0) & states.any(axis=1)
+    on, probability = states[used], np.where(probability < least, 0.0, probability)[:, used]
+    diffuse, parts = sound.parts(share)
+    alike = on.astype(np.float32)
+    mixed = alike @ parts
+    mixed += diffuse
+    ratio = np.divide(probability.T.astype(np.float32)[:, sound.frame], mixed, out=mixed)
+    ratio *= sound.weight
+    count = np.vstack([diffuse * ratio.sum(axis=0), parts * (alike.T @ ratio)])
+    part = probability[:, :, None] * sound.amount[:, None] / _totals(sound, on, share)
+    due = (sound.nearness[:, :, None] * (on.T.astype(np.float64) @ part)).sum(axis=0)
+    return np.asarray((least + (sound.by_band @ count.T).T) / (least + np.vstack([part.sum(axis=(0, 1)), due])))
 
 
 def _predicted(heard: HeardFrames, states: NDArray[np.bool_], level: Array) -> Array:

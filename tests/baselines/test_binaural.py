@@ -8,7 +8,14 @@ from scipy.special import eval_legendre, spherical_jn, spherical_yn
 
 from avs3d_bench.errors import Avs3dError
 from baselines.echosegnet import binaural
-from baselines.echosegnet.binaural import HEAD_RADIUS, SPEED_OF_SOUND, head_shadow_ild, observe, woodworth_itd
+from baselines.echosegnet.binaural import (
+    HEAD_RADIUS,
+    SPEED_OF_SOUND,
+    head_shadow_ild,
+    observe,
+    sphere_phase,
+    woodworth_itd,
+)
 
 SR = 44_100
 
@@ -117,6 +124,24 @@ def test_woodworth():
 @given(st.floats(-np.pi / 2, np.pi / 2))
 def test_the_sphere_is_antisymmetric(lateral):
     np.testing.assert_allclose(head_shadow_ild(-lateral), -head_shadow_ild(lateral), atol=1e-9)
+
+
+def test_the_phase_of_the_rigid_sphere_has_kuhns_limits():
+    """A delay of 3·(a/c)·sin φ at low frequencies, and of about Woodworth's 2·(a/c)·φ in front at high ones."""
+    lateral = np.radians([-70.0, -20.0, 0.0, 5.0, 20.0, 90.0])
+    low = sphere_phase([30.0], lateral)[:, 0]
+    np.testing.assert_allclose(
+        low, 2 * np.pi * 30 * 3 * HEAD_RADIUS / SPEED_OF_SOUND * np.sin(lateral), rtol=0.01, atol=1e-9
+    )
+    front = np.radians(5.0)
+    delay = sphere_phase([4000.0, 8000.0], [front])[0] / (2 * np.pi * np.array([4000.0, 8000.0]))
+    np.testing.assert_allclose(delay, woodworth_itd(front), rtol=0.1)
+
+
+@given(st.floats(-np.pi / 2, np.pi / 2))
+def test_the_phase_of_the_rigid_sphere_is_antisymmetric(lateral):
+    both = sphere_phase([150.0, 1000.0, 4000.0], [lateral, -lateral])
+    np.testing.assert_allclose(np.exp(1j * both[0]), np.exp(-1j * both[1]), atol=1e-9)
 
 
 def test_ild_grows_with_frequency_and_towards_the_side():
