@@ -89,7 +89,7 @@ def test_shares_of_recognisers_stand_below_their_own_filter() -> None:
 
 def test_a_voice_that_is_left_out_is_not_its_own_neighbour() -> None:
     """Each voice lies beside one of the other category: only what it was trained on itself would be right."""
-    names = [f"{voice}/0" for voice in ("clock/a", "clock/b", "toilet/a", "toilet/b") for _ in range(3)]
+    names = [f"{voice}/0/dry" for voice in ("clock/a", "clock/b", "toilet/a", "toilet/b") for _ in range(3)]
     clips = separability.Clips(np.zeros((12, 1)), np.repeat([5, 1], 6), names)
     known = np.repeat([0.0, 10.0, 9.0, 1.0], 3)[:, None] + np.tile([0.0, 0.1, 0.2], 4)[:, None]
     answers = separability.left_out(clips, known, workers=1)
