@@ -6,15 +6,14 @@
 A nearest neighbour on spectral and modulation features, and with ``--cnn`` small convolutional networks on log-mel
 spectrograms (`separability_network`), are trained on seconds of *train* voices, half of them reverberant, and asked
 about seconds of *validation* and *test* voices and of recordings, each dry and reverberant: as they are, and low-passed
-at 4, 8 and 16 kHz. In
-brackets: takes of ten seconds, over which the answers are averaged. A benchmark whose sounds a fingerprint solves would
-be near 100 % on test voices; one whose sounds say nothing of real ones would be at chance, 14 %, on recordings. A third
-recogniser has nothing but the mean spectrum from 10 to 20 kHz. The nearest neighbour's training seconds pass the same
-filter as those that are asked about; networks are trained once, on spectra that are changed at random. The neighbour is
-also asked about each training voice after training on the others, which says how much of a miss is the distance between
-any two voices. ``--learn-recordings`` takes the recordings for training in the lock file as further training voices,
-and asks about those for tests, both from the store (`avs3d assets fetch`). FILE.json holds one run, so that all its
-rows have one size; it is written after each recogniser.
+at 4, 8 and 16 kHz. In brackets: takes of ten seconds, over which the answers are averaged. A benchmark whose sounds a
+fingerprint solves would be near 100 % on test voices; one whose sounds say nothing of real ones would be at chance, 14
+%, on recordings. A third recogniser has nothing but the mean spectrum from 10 to 20 kHz. The nearest neighbour's
+training seconds pass the same filter as those that are asked about; networks are trained once, on spectra that are
+changed at random. The neighbour is also asked about each training voice after training on the others, which says how
+much of a miss is the distance between any two voices. ``--learn-recordings`` takes the recordings for training in the
+lock file as further training voices, and asks about those for tests, both from the store (`avs3d assets fetch`).
+FILE.json holds one run, so that all its rows have one size; it is written after each recogniser.
 """
 
 from __future__ import annotations
@@ -385,9 +384,10 @@ def verdict(probabilities: Array, asked: Clips) -> dict[str, Any]:
         probabilities: (n, categories) answers of a recogniser.
         asked: the clips that it was asked about.
     """
-    right, voice = probabilities.argmax(axis=1) == asked.labels, asked.voices
+    found, voice = probabilities.argmax(axis=1), asked.voices
+    right = found == asked.labels
     confusions = np.zeros((len(CATEGORIES),) * 2, dtype=int)
-    np.add.at(confusions, (asked.labels, probabilities.argmax(axis=1)), 1)
+    np.add.at(confusions, (asked.labels, found), 1)
     return {
         "count": len(right),
         **_shares(probabilities, asked, np.full(len(right), True)),
@@ -400,13 +400,13 @@ def verdict(probabilities: Array, asked: Clips) -> dict[str, Any]:
 
 def _shares(probabilities: Array, asked: Clips, these: NDArray[np.bool_]) -> dict[str, float]:
     """``seconds`` and ``takes`` of a `verdict` over some of the clips; nothing without clips."""
+    if not these.any():
+        return {}
     names = np.array(asked.names)
     takes = [these & (names == name) for name in dict.fromkeys(names[these])]
     of_takes = np.array([asked.labels[take][0] for take in takes])
     right_takes = np.array([probabilities[take].mean(axis=0).argmax() for take in takes]) == of_takes
     right, labels = probabilities[these].argmax(axis=1) == asked.labels[these], asked.labels[these]
-    if not takes:
-        return {}
     return {
         "seconds": float(np.mean([right[labels == number].mean() for number, _ in _present(labels)])),
         "takes": float(np.mean([right_takes[of_takes == number].mean() for number, _ in _present(labels)])),
