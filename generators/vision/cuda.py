@@ -30,7 +30,7 @@ from generators.core.freespace import Navigable
 from generators.core.scene import Scene
 from generators.core.tone import WHITE, srgb_table, tone_table
 from generators.vision.base import RenderedView
-from generators.vision.sampling import SUB_PIXELS, thin_faces
+from generators.vision.sampling import FEW_SUB_PIXELS, SUB_PIXELS, thin_faces
 from generators.vision.tables import build_tables
 from generators.vision.views import check_camera, trial_scene, view_of
 
@@ -104,7 +104,8 @@ class CudaSession:
         self._thin = upload(triangles[thin_faces(triangles, tables.normal, tracer)], "thin triangles")
         self._tables: Any = upload(tables, f"{scene.name}: textures and light maps")
         self._curves = upload((tone_table(), srgb_table()), "tables")
-        self._offsets, self._points = upload(SUB_PIXELS, "tables"), upload(block_points(), "tables")
+        self._offsets = upload(SUB_PIXELS, "tables"), upload(FEW_SUB_PIXELS, "tables")
+        self._points = upload(block_points(), "tables")
         self._allocate()
 
     def _allocate(self) -> None:
@@ -172,14 +173,21 @@ class CudaSession:
         launch(device.mark_edges, pixels, view, self._tables.surface, self._tables.normal, frame.arrays)
         launch(device.mark_thin, len(self._thin), self._thin, view, frame.arrays)
         launch(device.mark_mirrored, pixels, view, frame.arrays)
-        launch(device.collect, pixels, frame.arrays)
-        edges = int(frame.arrays.number.copy_to_host()[0])
         frame.fetch_geometry()
-        samples = len(SUB_PIXELS)
+        for faint, offsets in enumerate(self._offsets):
+            self._shoot_again(view, bool(faint), offsets)
+
+    def _shoot_again(self, view: PinholeView, faint: bool, offsets: Any) -> None:
+        """Average rays at ``offsets`` (S, 2) within each of the pixels at faint or at other edges."""
+        frame, rays, device = self._frame, self._rays, self._device
+        launch(device.begin_list, 1, frame.arrays)
+        launch(device.collect, view.width * view.height, faint, frame.arrays)
+        edges = int(frame.arrays.number.copy_to_host()[0])
+        samples = len(offsets)
 
         def refine(first: int, last: int) -> None:
             count = (last - first) * samples
-            launch(device.trace_edges, count, view, first, self._offsets, count, self._tree, rays.arrays, frame.arrays)
+            launch(device.trace_edges, count, view, first, offsets, count, self._tree, rays.arrays, frame.arrays)
             launch(device.shade, count, view, 0.5, count, rays.arrays, self._tables)
             scene = self._tree, rays.arrays, self._tables, self._points, self._curves[0], WHITE, frame.arrays
             launch(device.reflect_edges, count, view, first, samples, count, *scene)
@@ -202,7 +210,7 @@ class _Frame:
             depth=allocate(pixels, np.float32, what),
             ids=allocate(pixels, np.uint16, what),
             rgb=allocate((pixels, 3), np.uint8, what),
-            marks=allocate(pixels, np.uint8, what),
+            marks=allocate((2, pixels), np.uint8, what),
             pixels=allocate(pixels, np.int32, what),
             number=allocate(1, np.int32, what),
             light=allocate((pixels, 3), np.float32, what),

@@ -69,7 +69,7 @@ class FrameArrays(NamedTuple):
         depth: (P,) float32 metres, 0 for none.
         ids: (P,) uint16 instance ids.
         rgb: (P, 3) uint8.
-        marks: (P,) uint8, 1 where a pixel is shot again.
+        marks: (2, P) uint8, 1 where a pixel is shot again: at faint edges, at others.
         pixels: (P,) int32, the first ``number[0]`` are the pixels that are shot again, in any order.
         number: (1,) int32.
         light: (P, 3) float32 radiance times exposure.
@@ -414,25 +414,23 @@ def finish(tables: SceneTables, tone: F32, white: float, srgb: U8, frame: FrameA
 def mark_mirrored(view: PinholeView, frame: FrameArrays) -> None:
     """Mark the pixels at edges in mirrors."""
     i = cuda.grid(1)
-    if i < frame.marks.shape[0]:
-        _mark_mirrored(frame.second, frame.rgb, view.width, STRONG, frame.marks, i, i + 1)
+    if i < frame.face.shape[0]:
+        _mark_mirrored(frame.second, frame.rgb, view.width, STRONG, frame.marks[1], i, i + 1)
 
 
 @kernel
 def clear(frame: FrameArrays) -> None:
     """No pixel is marked."""
     i = cuda.grid(1)
-    if i < frame.marks.shape[0]:
-        frame.marks[i] = 0
-    if i == 0:
-        frame.number[0] = 0
+    if i < frame.face.shape[0]:
+        frame.marks[0, i] = frame.marks[1, i] = 0
 
 
 @kernel
 def mark_edges(view: PinholeView, surface: I32, normal: F32, frame: FrameArrays) -> None:
     """Mark the pixels at visible edges."""
     i = cuda.grid(1)
-    if i < frame.marks.shape[0]:
+    if i < frame.face.shape[0]:
         _mark_edges(frame.face, frame.depth, frame.rgb, view, surface, normal, frame.marks, i, i + 1)
 
 
@@ -442,14 +440,22 @@ def mark_thin(triangles: F32, view: PinholeView, frame: FrameArrays) -> None:
     i = cuda.grid(1)
     if i < triangles.shape[0]:
         px, py, pz = cuda.local.array(3, np.float64), cuda.local.array(3, np.float64), cuda.local.array(3, np.float64)
-        _mark_thin(triangles[i : i + 1], frame.depth, view, frame.marks, px, py, pz)
+        _mark_thin(triangles[i : i + 1], frame.depth, view, frame.marks[1], px, py, pz)
 
 
 @kernel
-def collect(frame: FrameArrays) -> None:
-    """List the marked pixels. Their order varies; each is refined by itself."""
+def begin_list(frame: FrameArrays) -> None:
+    """The list of pixels is empty."""
+    frame.number[0] = 0
+
+
+@kernel
+def collect(faint: bool, frame: FrameArrays) -> None:
+    """List the pixels at ``faint`` edges alone, or at others. Their order varies; each is refined by itself."""
     i = cuda.grid(1)
-    if i < frame.marks.shape[0] and frame.marks[i] != 0:
+    if i >= frame.face.shape[0]:
+        return
+    if (frame.marks[1, i] == 0 and frame.marks[0, i] != 0) if faint else frame.marks[1, i] != 0:
         frame.pixels[cuda.atomic.add(frame.number, 0, 1)] = i
 
 

@@ -20,7 +20,7 @@ from generators.core.rays import CHUNK, Tracer, repeated
 from generators.core.scene import Scene
 from generators.core.tone import WHITE, srgb_table, tone_table
 from generators.vision.base import RenderedView
-from generators.vision.sampling import SUB_PIXELS, thin_faces
+from generators.vision.sampling import FEW_SUB_PIXELS, SUB_PIXELS, thin_faces
 from generators.vision.views import check_camera, trial_scene, view_of
 
 if TYPE_CHECKING:
@@ -239,21 +239,30 @@ class EmbreeSession:
     ) -> None:
         """Shoot the pixels at edges again and average, of those that show what is ``coloured``."""
         kernels, tables = self._kernels, self._tables
-        marks = np.zeros(len(rgb), dtype=np.uint8)
-        kernels.mark_edges(self._face, depth, rgb, view, tables.surface, tables.normal, marks, 0, len(marks))
-        kernels.mark_thin(self._thin, depth, view, marks, *np.empty((3, 3)))
+        marks = np.zeros((2, len(rgb)), dtype=np.uint8)
+        kernels.mark_edges(self._face, depth, rgb, view, tables.surface, tables.normal, marks, 0, len(rgb))
+        faint, strong = marks
+        kernels.mark_thin(self._thin, depth, view, strong, *np.empty((3, 3)))
         if self._reflections is not None:
-            self._reflections.mark(rgb, view.width, marks)
+            self._reflections.mark(rgb, view.width, strong)
         if coloured is not None:
             marks &= coloured[self._face]
-        pixels = np.flatnonzero(marks).astype(np.int32)
-        samples = len(SUB_PIXELS)
+        faint[strong != 0] = 0
+        self._shoot_again(tracer, view, np.flatnonzero(strong), SUB_PIXELS, rgb)
+        self._shoot_again(tracer, view, np.flatnonzero(faint), FEW_SUB_PIXELS, rgb)
+
+    def _shoot_again(
+        self, tracer: Tracer, view: PinholeView, pixels: np.ndarray, offsets: np.ndarray, rgb: np.ndarray
+    ) -> None:
+        """Average rays at ``offsets`` (S, 2) within each of the ``pixels``."""
+        kernels, tables = self._kernels, self._tables
+        samples = len(offsets)
         step = CHUNK // samples
         for first in range(0, len(pixels), step):
-            chunk = pixels[first : first + step]
+            chunk = pixels[first : first + step].astype(np.int32)
             count = len(chunk) * samples
             directions, light = self._directions[:count], self._light[:count]
-            kernels.sub_pixel_directions(view, chunk, SUB_PIXELS, directions)
+            kernels.sub_pixel_directions(view, chunk, offsets, directions)
             hit = tracer.intersect(repeated(view.origin, count), directions)
             self._shade(hit, directions, view, 0.5, light)
             if self._reflections is not None:

@@ -44,9 +44,14 @@ NEAREST = 0.02
 VISIBLE = 8
 #: Contrast beyond which neighbours on different faces are an edge even if the surface goes on smoothly.
 STRONG = 16
+#: Contrast up to which an edge is faint: half of the rays will do.
+FAINT = 24
 
 _1, _2 = np.uint64(1), np.uint64(2)
-_ZERO, _ONE, _TWO, _HALF = np.float32(0.0), np.float32(1.0), np.float32(2.0), np.float32(0.5)
+_ZERO, _ONE, _HALF, _FOUR, _QUARTER = (np.float32(x) for x in (0.0, 1.0, 0.5, 4.0, 0.25))
+#: Footprints of a level of a texture have 1 to 4 texels; from the first of these on, up to the second, the next level is
+#: mixed in.
+_FINE, _COARSE = np.float32(4 ** (1 / 3)), np.float32(4 ** (2 / 3))
 #: Share of the view's height at either edge that is left out: texels there mix with those of the other edge.
 VIEW_EDGE = np.float32(0.004)
 
@@ -177,7 +182,7 @@ def _filtered(
     (sx, tx) and (sy, ty) are the changes of the coordinates per pixel to the right and down. The footprint is the
     ellipse with the semi-axes of that 2×2 matrix: samples are spread along its long axis, at the level that suits its
     short one (after J. McCormack et al., "Feline: Fast Elliptical Lines for Anisotropic Texture Mapping", SIGGRAPH
-    1999). Levels are blended over the middle half of the way from one to the next: half of all pixels need only one.
+    1999). Levels are blended over the middle third of the way from one to the next: most pixels need only one.
     """
     high, wide = size[level0, 0], size[level0, 1]
     height, width = np.float32(high), np.float32(wide)
@@ -200,10 +205,11 @@ def _filtered(
             ux, uy = (root + half, xy) if half >= _ZERO else (xy, root - half)
             scale = np.float32(math.sqrt(major2 / (ux * ux + uy * uy)))
             du, dv = ux * scale / width, uy * scale / height
-    lod = min(np.float32(last - level0), _HALF * np.log2(minor2)) if minor2 > _ONE else _ZERO
-    level = int(lod)
-    blend = min(max(_TWO * (lod - np.float32(level)) - _HALF, _ZERO), _ONE)
-    level += level0
+    level = level0
+    while minor2 >= _FOUR and level < last:
+        minor2 *= _QUARTER
+        level += 1
+    blend = min(max((minor2 - _FINE) / (_COARSE - _FINE), _ZERO), _ONE) if level < last else _ZERO
     if blend == _ONE:
         level, blend = level + 1, _ZERO
     base, high, wide = offset[level], size[level, 0], size[level, 1]
@@ -496,10 +502,11 @@ def _breaks(surface: I32, normal: F32, depth: F32, view: PinholeView, a: int, b:
 def mark_edges(
     face: I32, depth: F32, rgb: U8, view: PinholeView, surface: I32, normal: F32, marks: U8, first: int, last: int
 ) -> None:
-    """Set ``marks`` (H·W,) at both pixels of each visible edge of the pixels from number ``first`` to ``last``.
+    """Set ``marks`` (2, H·W) at both pixels of each visible edge of the pixels from number ``first`` to ``last``.
 
     An edge is where neighbours, on the right or below, show different surfaces, directions or depths, in colours that
-    differ visibly; and where the texture or the light of two faces does not fit together at their seam.
+    differ visibly; and where the texture or the light of two faces does not fit together at their seam. Row 0 has
+    `FAINT` edges, row 1 the others; a pixel may have both.
     """
     width, height = view.width, view.height
     y = first // width
@@ -515,7 +522,8 @@ def mark_edges(
             if contrast > STRONG or (
                 contrast > VISIBLE and _breaks(surface, normal, depth, view, face[i], face[j], i, j)
             ):
-                marks[i] = marks[j] = 1
+                row = 1 if contrast > FAINT else 0
+                marks[row, i] = marks[row, j] = 1
 
 
 @njit

@@ -741,7 +741,12 @@ def smooth(
     """
     surfaces, normal, finish = tables.surface, tables.normal, tables.finish
     stride, length = (width, height) if down else (1, width)
+    row = first // width
+    column = first - row * width - 1
     for i in range(first, last):
+        column += 1  # a division for each pixel would take a tenth of the time
+        if column == width:
+            column, row = 0, row + 1
         around = radius[i]
         if around < _ZERO:  # nobody reads it
             continue
@@ -749,13 +754,12 @@ def smooth(
             for c in range(3):
                 out[i, c] = lobe[i, c]
             continue
-        column = i % width
         if alpha[i] < _ZERO:  # without a ray: those on the left and right have one
             if column > 0 and radius[i - 1] > _ZERO and alpha[i - 1] > _ZERO:
                 around = min(around, radius[i - 1])
             if column + 1 < width and radius[i + 1] > _ZERO and alpha[i + 1] > _ZERO:
                 around = min(around, radius[i + 1])
-        place = i // width if down else column
+        place = row if down else column
         f = face[i]
         surface = surfaces[f]
         nx, ny, nz = normal[f, 0], normal[f, 1], normal[f, 2]

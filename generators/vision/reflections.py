@@ -15,7 +15,6 @@ from generators.core.scene import F32, I32
 from generators.vision import reflection_kernels as kernels
 from generators.vision.kernels import STRONG, PinholeView
 from generators.vision.microfacet import block_points
-from generators.vision.sampling import SUB_PIXELS
 from generators.vision.tables import CLEAR, SceneTables
 
 
@@ -93,7 +92,7 @@ class Reflections:
         self, hit: dict[str, np.ndarray], directions: F32, view: PinholeView, pixels: I32, face: I32, light: F32
     ) -> None:
         """Add what further rays of ``pixels`` reflect to their radiance; ``face`` (P,) is at the pixels' centres."""
-        samples = len(SUB_PIXELS)
+        samples = len(directions) // len(pixels)
         found = self._reflect(hit, directions, view, 0.5, pixels, samples, light)
         if found is None:
             return

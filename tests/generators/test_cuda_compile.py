@@ -36,7 +36,7 @@ def arguments() -> dict[str, tuple[Any, ...]]:
     rays = RayArrays(f32x3, i32, f32, f32, f32, f32x3)
     colours = np.zeros((4, 3), np.uint8)
     lobes = (f32x3, f32x3, f32x3, f32x3, f32, f32, i32)
-    frame = FrameArrays(i32, f32, np.zeros(4, np.uint16), colours, u8, i32, i32, *lobes)
+    frame = FrameArrays(i32, f32, np.zeros(4, np.uint16), colours, np.zeros((2, 4), np.uint8), i32, i32, *lobes)
     tone, points = tone_table(), block_points()
     return {
         "_intersect": (tree, np.zeros((4, 7), np.float32), 4, i32, f32x3),
@@ -53,7 +53,8 @@ def arguments() -> dict[str, tuple[Any, ...]]:
         "clear": (frame,),
         "mark_edges": (view, tables.surface, tables.normal, frame),
         "mark_thin": (triangles, view, frame),
-        "collect": (frame,),
+        "begin_list": (frame,),
+        "collect": (True, frame),
         "average": (0, 4, 8, rays, srgb_table(), frame),
     }
 
