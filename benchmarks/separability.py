@@ -506,7 +506,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     asked.add_argument("--recordings", type=Path, help="a folder with a folder of files per category")
     asked.add_argument("--learn-recordings", action="store_true", help="learn from recordings for training, too")
     parser.add_argument("-o", "--output", type=Path, required=True, help="JSON")
-    parser.add_argument("--units", type=int, default=20, help="of each training voice [20]")
+    parser.add_argument("--units", type=int, default=40, help="of each training voice [40]")
     parser.add_argument("--asked", type=int, default=10, help="units of each voice that is asked about [10]")
     parser.add_argument("--workers", type=int, default=None, help="processes [one per core]")
     parser.add_argument("--cnn", action="store_true", help="train the network, too")
