@@ -69,6 +69,8 @@ YAWS, TILT = (0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0), -10.0
 SIZE, FRAMES = 252, 9
 #: Side of the grey cube and height of its middle (m), its reflectance, side of its pictures (pixels).
 CARD, CARD_HEIGHT, GREY, CARD_SIZE = 0.2, 1.2, 0.18, 96
+#: Key of a row's grey cards.
+CARDS = "grey card"
 #: Largest distance from neutral of a grey card's ratios.
 NEUTRAL = 0.05
 #: Slopes of power spectra of photographs in the literature: twice those of amplitude that D. J. Tolhurst, Y. Tadmor and
@@ -276,7 +278,7 @@ def table(results: Mapping[str, Mapping[str, Any]]) -> str:
         "|---" * 12 + "|",
     ]
     for name, found in results.items():
-        homes = [rooms["all rooms"] for rooms in found.get("grey card", {}).values()]
+        homes = [rooms["all rooms"] for rooms in found.get(CARDS, {}).values()]
         ratios = np.mean([home["encoded"] for home in homes], axis=0) if homes else None
         card = "–" if ratios is None else f"{ratios[0]:.2f}, {ratios[1]:.2f}"
         neutral = f"{sum(map(is_neutral, homes))} of {len(homes)}" if homes else "–"
@@ -332,10 +334,11 @@ def main(
     try:
         found = summary([statistics(picture) for picture in sources[0]]) if sources else results[name]
         if homes:
-            found["grey card"] = grey_cards(homes)
+            found[CARDS] = grey_cards(homes)
     except Avs3dError as error:
         raise click.ClickException(str(error)) from None
-    results = results | {name: found}
+    # The card of a row stays: it is of homes, and pictures are measured more often.
+    results = results | {name: {key: card for key, card in results.get(name, {}).items() if key == CARDS} | found}
     write_bytes(output, (json.dumps(results, indent=1) + "\n").encode())
     click.echo(table(results))
     for source, slope in PUBLISHED.items():

@@ -78,6 +78,27 @@ def test_labels_are_those_of_the_default_renderer_and_bytes_repeat(backend: path
     assert np.array_equal(picture(backend, scene), first.rgb)
 
 
+@pytest.mark.parametrize("pixels", [0.5, 1.0])
+def test_denoising_keeps_a_rod_as_thin_as_a_pixel(backend: pathtraced.PathtracedBackend, pixels: float) -> None:
+    pytest.importorskip("pyoidn", reason="Open Image Denoise is not installed: pip install 'avs3d-bench[pathtraced]'")
+    side = 96
+    # A metre before the camera a pixel is 2 m / side wide.
+    rod = MeshBuilder().box((pixels * 2.0 / side, 1.2, 0.02), (2.0, 0.6, 1.0), matte(0.15)).build()
+    scene = scene_of(box_room(matte(0.6)).build(), ceiling_lamp(2.0, 1.5, 0.8, 2.4))
+    session = backend.open(replace(scene, parts=(*scene.parts, Part("rod", rod, 3))), Intrinsics.from_fov(side))
+    pose = Pose.from_yaw((2.0, 1.2, 2.0), 0.0)
+    sums, labels = session.begin(pose).result(), session.labels(pose)
+    missing = []
+    for denoise in (False, True):
+        light = srgb_decode(session.finish(sums, labels, denoise=denoise) / 255.0)[52:72, :, 1].mean(axis=0)
+        wall = np.median(np.concatenate([light[30:42], light[54:66]]))
+        missing.append(np.clip(wall - light[44:52], 0.0, None))
+    session.close()
+    noisy, denoised = missing
+    assert denoised.sum() == pytest.approx(noisy.sum(), rel=0.1)
+    assert denoised.max() > 0.85 * noisy.max()
+
+
 def test_frames_in_work_at_the_same_time_have_the_bytes_of_one_after_another(
     backend: pathtraced.PathtracedBackend, monkeypatch: pytest.MonkeyPatch
 ) -> None:
