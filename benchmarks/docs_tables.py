@@ -188,6 +188,11 @@ class Results:
         source = f"Accuracy / pair accuracy on {first.overall.groups} groups of `{first.questions.dataset}` "
         return f"{text(['kind', 'lines', 'chance', *rows], lines)}\n\n{source}{first.questions.dataset_version}."
 
+    def states(self) -> str:
+        """What recognisers know of dry and of reverberant seconds."""
+        rows = separability.states_table(self.json("separability"))
+        return text(["recogniser", "asked about", *separability.STATES], rows)
+
     def separability(self) -> str:
         """Seconds and takes that recognisers assign to the right category."""
         head = ["recogniser", "asked about", *separability.CHANGES]
@@ -532,7 +537,7 @@ def blocks(docs: Path) -> dict[str, list[tuple[str, Callable[[], str]]]]:
         ],
         "docs/scans.md": [("scans", own.scans)],
         "docs/sounds.md": [
-            ("separability", own.separability), ("confusions", lambda: own.confusions("test")),
+            ("separability", own.separability), ("states", own.states), ("confusions", lambda: own.confusions("test")),
             ("confusions of recordings", lambda: own.confusions("recordings")), ("bandwidths", own.bandwidths),
             ("spread", own.spread),
         ],
