@@ -167,7 +167,7 @@ class CudaSession:
 
     def _refine_edges(self, view: PinholeView) -> None:
         """Shoot the pixels at edges again and average."""
-        frame, rays, device = self._frame, self._rays, self._device
+        frame, device = self._frame, self._device
         pixels = view.width * view.height
         launch(device.clear, pixels, frame.arrays)
         launch(device.mark_edges, pixels, view, self._tables.surface, self._tables.normal, frame.arrays)

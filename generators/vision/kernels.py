@@ -49,9 +49,9 @@ FAINT = 24
 
 _1, _2 = np.uint64(1), np.uint64(2)
 _ZERO, _ONE, _HALF, _FOUR, _QUARTER = (np.float32(x) for x in (0.0, 1.0, 0.5, 4.0, 0.25))
-#: Footprints of a level of a texture have 1 to 4 texels; from the first of these on, up to the second, the next level is
-#: mixed in.
-_FINE, _COARSE = np.float32(4 ** (1 / 3)), np.float32(4 ** (2 / 3))
+#: Footprints of a level of a texture have 1 to 4 texels; from the first of these on, up to the second, the next level
+#: is mixed in.
+_FINE, _COARSE = np.float32(4**0.25), np.float32(4**0.75)
 #: Share of the view's height at either edge that is left out: texels there mix with those of the other edge.
 VIEW_EDGE = np.float32(0.004)
 
@@ -182,7 +182,7 @@ def _filtered(
     (sx, tx) and (sy, ty) are the changes of the coordinates per pixel to the right and down. The footprint is the
     ellipse with the semi-axes of that 2×2 matrix: samples are spread along its long axis, at the level that suits its
     short one (after J. McCormack et al., "Feline: Fast Elliptical Lines for Anisotropic Texture Mapping", SIGGRAPH
-    1999). Levels are blended over the middle third of the way from one to the next: most pixels need only one.
+    1999). Levels are blended over the middle half of the way from one to the next: half of all pixels need only one.
     """
     high, wide = size[level0, 0], size[level0, 1]
     height, width = np.float32(high), np.float32(wide)

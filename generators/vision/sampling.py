@@ -24,7 +24,7 @@ SUB_PIXELS: NDArray[np.float64] = (
     np.array([[1, -3], [-1, 3], [5, 1], [-3, -5], [-5, 5], [-7, -1], [3, 7], [7, -7]], dtype=np.float64) + 8
 ) / 16
 
-#: (4, 2) the same for faint edges, with Direct3D's standard pattern of four: a quarter of their contrast is hard to see.
+#: (4, 2) the same for faint edges, in Direct3D's standard pattern of four: a quarter of their contrast is hard to see.
 FEW_SUB_PIXELS: NDArray[np.float64] = (np.array([[-2, -6], [6, -2], [-6, 2], [2, 6]], dtype=np.float64) + 8) / 16
 
 
