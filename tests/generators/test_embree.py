@@ -243,6 +243,21 @@ def _supersampled(scene: Scene, pose: Pose, size: int) -> NDArray[np.uint8]:
     return develop(light)
 
 
+@pytest.mark.parametrize(("light", "contrast", "levels"), [(0.30, (9, 24), 5), (0.45, (30, 60), 9)])
+def test_a_faint_edge_has_steps_of_a_quarter_others_of_an_eighth(
+    light: float, contrast: tuple[int, int], levels: int
+) -> None:
+    shining = [replace(BLACK, name=str(value), emission=(value,) * 3) for value in (0.25, light)]
+    corners = [[0.1, -9, -3.9], [9, -9, -3.9], [9, 9, -3.9], [0.7, 9, -3.9]]  # its left edge leans
+    frame = _render(_scene(_wall(shining[0]), MeshBuilder().quad(corners, shining[1]).build()))
+    dark, bright = int(frame.rgb[..., 0].min()), int(frame.rgb[..., 0].max())
+    assert contrast[0] <= bright - dark <= contrast[1]
+    assert len(np.unique(frame.rgb)) == levels
+    # On the linear scale the steps are equal.
+    steps = np.diff(np.unique(_display(frame)))
+    assert steps.max() - steps.min() <= 0.01
+
+
 def test_a_checker_far_away_fades_to_its_mean() -> None:
     scene = _floor(Material("checker", "tile", texture=_checker(2, 256)), tile=0.2)
     pose = Pose.from_yaw((0, 0, 0), 0.4)
