@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -104,6 +105,17 @@ def test_figures_of_a_folder_are_added_to_those_of_other_names(tmp_path: Path) -
     assert "to add --homes to the figures of --name" in unknown.output
     with pytest.raises(Avs3dError, match="no pictures"):
         summary([])
+
+
+def test_pictures_that_are_measured_again_leave_the_rows_cards(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "one.png"), np.full((64, 64, 3), 90, np.uint8))
+    record, card = tmp_path / "record.json", {"home_1": {"all rooms": {"encoded": [1.0, 1.0]}}}
+    record.write_text(json.dumps({"mine": {"pictures": 3, "grey card": card}}))
+    command = ["--pictures", str(tmp_path), "--name", "mine", "--json", str(record)]
+    assert CliRunner().invoke(main, command, catch_exceptions=False).exit_code == 0
+    found = read_json(record)["mine"]
+    assert found["pictures"] == 1
+    assert found["grey card"] == card
 
 
 def test_views_of_a_panorama_look_where_they_should(tmp_path: Path) -> None:
