@@ -29,6 +29,7 @@ from generators.assets.sounds.devices.coffee_machine_parts import (
     unrest,
 )
 from generators.assets.sounds.devices.coffee_machine_small import geared_conical_grinder, pod_air_pump
+from generators.assets.sounds.devices.coffee_machine_steam import instant_whipper, steam_espresso
 from generators.assets.sounds.signals import Array, band_noise, harmonics, phase_of, time_axis
 from generators.assets.sounds.voice import Voice
 from generators.assets.sounds.water import (
@@ -501,4 +502,6 @@ VOICES: tuple[Voice, ...] = (
     _voice(
         geared_conical_grinder, "train", "grinder behind a planetary gear", "McFadden & Smith, Proc. IMechE 199 (1985)"
     ),
+    _voice(steam_espresso, "train", "boiler's steam", "Aljishi & Tatarkiewicz 1991; Lighthill 1952; Li et al. 2023"),
+    _voice(instant_whipper, "train", "whipper in a bowl", "small direct-current motors; falling water without a pump"),
 )

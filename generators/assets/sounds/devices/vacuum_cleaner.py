@@ -23,6 +23,7 @@ from generators.assets.sounds.devices.vacuum_cleaner_parts import (
     work,
 )
 from generators.assets.sounds.devices.vacuum_cleaner_pipes import central, stretch_hose, wet_dry
+from generators.assets.sounds.devices.vacuum_cleaner_quiet import backpack, corded_handheld, quiet_canister
 from generators.assets.sounds.fans import (
     GRID,
     Signal,
@@ -289,4 +290,7 @@ VOICES: tuple[Voice, ...] = (
     Voice(_C, "straight_through", "train", "two-stage motor in a cloth bag's air", _SUCTION_UNITS, straight_through),
     Voice(_C, "car_plug_in", "train", "direct-current motor with working fan", _COGGING, car_plug_in),
     Voice(_C, "stretch_hose", "train", "corrugated hose beside its motor", _HOSES, stretch_hose),
+    Voice(_C, "quiet_canister", "train", "air at a nozzle, lined motor", _SUCTION_UNITS, quiet_canister),
+    Voice(_C, "backpack", "train", "two-stage fan in foam", _SUCTION_UNITS, backpack),
+    Voice(_C, "corded_handheld", "train", "universal motor with working fan", _HANDHELDS, corded_handheld),
 )
