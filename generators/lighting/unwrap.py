@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import xatlas
-from avs3d_bench.runtime.one_thread import one_core
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
@@ -39,8 +38,7 @@ def _new_atlas() -> tuple[xatlas.Atlas, set[str]]:
     """An atlas, and the ids of its worker threads; one at a time, to tell them from those of another."""
     with _NEW:
         before = _threads()
-        with one_core():  # else it begins as many threads as there are cores, for each part, and wakes all at each step
-            atlas = xatlas.Atlas()
+        atlas = xatlas.Atlas()
         mine = {str(thread.native_id) for thread in threading.enumerate()}
         return atlas, _threads() - before - mine
 
