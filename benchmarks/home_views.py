@@ -145,16 +145,15 @@ def write_jpeg(path: Path, picture: Picture, largest: int = LARGEST) -> None:
     raise Avs3dError(f"{path}: larger than {largest:,} bytes at any quality; show fewer or smaller pictures")
 
 
-def sheet(folders: Sequence[Path], side: int = SIDE, *, gaps: bool = False) -> Picture:
+def sheet(folders: Sequence[Path], side: int = SIDE) -> Picture:
     """A block of rows for each home: its views, as each of the folders has them.
 
     Args:
         folders: of pictures that `render` wrote.
         side: of a picture (pixels).
-        gaps: leave white what a folder lacks.
 
     Raises:
-        Avs3dError: if a folder lacks a picture that another one has, and there may be no gaps.
+        Avs3dError: if a folder lacks a picture that another one has.
     """
     names = sorted({path.name for folder in folders for path in folder.glob("home_*.png")})
     homes: dict[str, list[str]] = {}
@@ -162,19 +161,17 @@ def sheet(folders: Sequence[Path], side: int = SIDE, *, gaps: bool = False) -> P
         homes.setdefault(name.rpartition("-")[0], []).append(name)
     blocks = []
     for shown in homes.values():
-        rows = [np.concatenate([_framed(folder / name, side, gaps) for name in shown], axis=1) for folder in folders]
+        rows = [np.concatenate([_framed(folder / name, side) for name in shown], axis=1) for folder in folders]
         blocks.append(np.concatenate([*rows, np.full((2 * GAP, rows[0].shape[1], 3), 255, np.uint8)]))
     if not blocks:
         raise Avs3dError(f"{folders[0]}: no home_*.png; expected a folder that `render` wrote")
     return np.concatenate(blocks)[: -2 * GAP]
 
 
-def _framed(path: Path, side: int, gaps: bool) -> Picture:
-    if gaps and not path.exists():
-        return np.full((side + GAP, side + GAP, 3), 255, dtype=np.uint8)
+def _framed(path: Path, side: int) -> Picture:
     picture = cv2.imread(str(path))
     if picture is None:
-        raise Avs3dError(f"{path}: no picture; render the same views into each folder, or allow --gaps")
+        raise Avs3dError(f"{path}: no picture; render the same views into each folder")
     small = cv2.resize(picture, (side, side), interpolation=cv2.INTER_AREA)[..., ::-1]
     return np.asarray(np.pad(small, ((0, GAP), (0, GAP), (0, 0)), constant_values=255), dtype=np.uint8)
 
@@ -217,12 +214,11 @@ def render_command(views: Path, output: Path, vision: Any, device: Any, size: in
 @main.command("sheet")
 @click.argument("folders", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
 @click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="JPEG to write.")
-@click.option("--gaps", is_flag=True, help="Leave white what a folder lacks.")
 @click.option("--largest", default=LARGEST, show_default=True, help="Size of the file (bytes).")
-def sheet_command(folders: tuple[Path, ...], output: Path, gaps: bool, largest: int) -> None:
+def sheet_command(folders: tuple[Path, ...], output: Path, largest: int) -> None:
     """Draw the sheet of FOLDERS."""
     try:
-        write_jpeg(output, sheet(folders, gaps=gaps), largest)
+        write_jpeg(output, sheet(folders), largest)
     except Avs3dError as error:
         raise click.ClickException(str(error)) from None
 

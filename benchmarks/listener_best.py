@@ -26,21 +26,20 @@ TITLES = {
 }  # fmt: skip
 
 
-def best_of(runs: Sequence[Path]) -> Path:
-    """The best of runs that are finished, which are folders with a model card; the first of equals.
-
-    Raises:
-        click.UsageError: if none is finished.
-    """
-    found = figures_of(runs)
-    if not found:
-        raise click.UsageError(f"none of {', '.join(map(str, runs))} has a {CARD_JSON}; let a training end first")
+def best_of(found: Mapping[Path, Mapping[str, float]]) -> Path:
+    """The best of the runs that `figures_of` has figures of; the first of equals."""
     return max(found, key=lambda run: found[run]["IoU less false marks"])
 
 
 def figures_of(runs: Sequence[Path]) -> dict[Path, dict[str, float]]:
-    """Of each finished run, its minutes, and the figures of validation and of calibration."""
+    """Of each finished run, its minutes, and the figures of validation and of calibration.
+
+    Raises:
+        click.UsageError: if none is finished.
+    """
     cards: dict[Path, Any] = {run: read_json(run / CARD_JSON) for run in runs if (run / CARD_JSON).exists()}
+    if not cards:
+        raise click.UsageError(f"none of {', '.join(map(str, runs))} has a {CARD_JSON}; let a training end first")
     return {run: _figures(card) for run, card in cards.items()}
 
 
@@ -74,9 +73,10 @@ def _text(name: str, value: float | None) -> str:
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Figures of all runs.")
 def main(runs: tuple[Path, ...], output: Path | None) -> None:
     """Print the number of the best run."""
+    found = figures_of(runs)
     if output is not None:
-        write_json(output, {run.name: each for run, each in figures_of(runs).items()})
-    click.echo(best_of(runs).name.removeprefix("seed"))
+        write_json(output, {run.name: each for run, each in found.items()})
+    click.echo(best_of(found).name.removeprefix("seed"))
 
 
 if __name__ == "__main__":

@@ -292,20 +292,24 @@ def nearest(
 
 
 def _in_subspace(known: Array, labels: NDArray[np.int64], devices: NDArray[np.str_], asked: Array) -> Array:
-    """(n, categories): a linear discriminant analysis of standardised features, covariances shrunk, then neighbours."""
+    """(n, categories): a linear discriminant analysis of standardised features, covariances shrunk, then neighbours.
+
+    A category has as many votes as any other, whatever number of its seconds are known: so are the answers counted, too.
+    """
     from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
     from sklearn.neighbors import KNeighborsClassifier
     from sklearn.preprocessing import StandardScaler
 
     scaler = StandardScaler().fit(known)
     known, asked = scaler.transform(known), scaler.transform(asked)
-    out = np.zeros((len(asked), len(CATEGORIES)))
+    out, count = np.zeros((len(asked), len(CATEGORIES))), np.bincount(labels, minlength=len(CATEGORIES))
     for groups in (labels, devices):
         most = min(AXES, known.shape[1], len(np.unique(groups)) - 1)
         axes = LinearDiscriminantAnalysis(solver="eigen", shrinkage=SHRINKAGE, n_components=most).fit(known, groups)
         neighbours = KNeighborsClassifier(min(NEIGHBOURS, len(known)), weights="distance")
         neighbours.fit(axes.transform(known), labels)
-        out[:, neighbours.classes_] += neighbours.predict_proba(axes.transform(asked)) / 2
+        votes = neighbours.predict_proba(axes.transform(asked)) / count[neighbours.classes_]
+        out[:, neighbours.classes_] += votes / votes.sum(axis=1, keepdims=True) / 2
     return out
 
 

@@ -139,10 +139,11 @@ def test_the_best_run_has_the_best_rule(tmp_path: Path) -> None:
     runs = [tmp_path / f"seed{number}" for number in range(4)]
     for run, rules in zip(runs, ([(0.5, 0.2)], [(0.2, 0.1), (0.6, 0.2)], [(0.6, 0.25), (0.3, 0.0)]), strict=False):
         run.mkdir()
-        figures = {"by_rule": [{"iou": iou, "false": false} for iou, false in rules]}
-        write_json(run / "model_card.json", {"calibration": {"figures": figures}})
-    assert best_of(runs) == runs[1]
-    found = {run.name: each for run, each in figures_of(runs).items()}
+        by_rule = {"by_rule": [{"iou": iou, "false": false} for iou, false in rules]}
+        write_json(run / "model_card.json", {"calibration": {"figures": by_rule}})
+    figures = figures_of(runs)
+    assert best_of(figures) == runs[1]
+    found = {run.name: each for run, each in figures.items()}
     assert ["IoU less false marks", ".300", ".400", ".350"] in rows(found)
     with pytest.raises(click.UsageError, match="let a training end first"):
-        best_of(runs[3:])
+        figures_of(runs[3:])
