@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct, rfft
-from scipy.signal import butter, fftconvolve, sosfilt
+from scipy.signal import butter, fftconvolve, sosfilt, stft
 from scipy.signal.windows import blackmanharris
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
@@ -61,6 +61,10 @@ MODULATED, MODULATION_BINS = 8, (1, 2, 3, 5, 9, 17, 33, 48)
 COARSE, CEPSTRUM, LAGS = 16, 12, 58
 #: What lies further below the loudest (powers of ten) counts as silence: some recordings are gated to nothing.
 DEPTH = 6.0
+#: Windows (samples) and edges of the bands (Hz) of the statistics of a texture, and lags (bands) of its correlations.
+WINDOWS, TEXTURE_EDGES, APART = (128, 512, 2048), np.geomspace(100.0, 16_000.0, 25), (2, 4, 8)
+#: A deviation below this part of the mean is none: a filtered band has numerical noise alone.
+STEADY = 1e-3
 #: Neighbours that are asked.
 NEIGHBOURS = 15
 #: Random subspaces, the share of the features in each, axes of the devices, share by which covariances are shrunk.
@@ -213,14 +217,19 @@ def _response(rng: np.random.Generator) -> Array:
 
 
 def features(clips: Array) -> Array:
-    """(n, 190) features of clips (n, 44100) that depend on no level.
+    """(n, 580) features of clips (n, 44100) that depend on no level.
 
     The coarse spectrum re its mean; spread, fast change and unevenness of the mel bands; modulation spectra of eight
     wide bands and of the whole; the autocorrelation of the envelope up to .6 s; lines that stand out of their third of
-    an octave (as the prominence of tones in ISO 7779).
+    an octave (as the prominence of tones in ISO 7779); statistics of a texture (J. H. McDermott and E. P. Simoncelli,
+    "Sound texture perception via statistics of the auditory periphery", Neuron 71 (2011) 926–940), which tell falling
+    water, with its bubbles and drops, from air that rushes alike in the mean.
     """
-    parts = [_of_spectrogram(log_mel(part).astype(np.float64)) for part in _chunks(clips)]
-    return np.concatenate([np.concatenate(parts), np.concatenate([_lines(part) for part in _chunks(clips)])], axis=1)
+    rows = []
+    for part in _chunks(clips):
+        mel = _of_spectrogram(log_mel(part).astype(np.float64))
+        rows.append(np.concatenate([mel, _lines(part), *(_texture(part, window) for window in WINDOWS)], axis=1))
+    return np.concatenate(rows)
 
 
 def _chunks(clips: Array) -> list[Array]:
@@ -265,6 +274,21 @@ def _lines(clips: Array) -> Array:
     return np.stack(highest + share, axis=1)
 
 
+def _texture(clips: Array, window: int) -> Array:
+    """(n, 130) of 24 bands' envelopes: variation, skewness, kurtosis, and correlations of bands that lie apart."""
+    spectrum = stft(clips.astype(np.float32), SAMPLE_RATE, nperseg=window, boundary=None, padded=False)[2]
+    edges = TEXTURE_EDGES * window / SAMPLE_RATE
+    spans = [(max(1, int(low)), max(int(low) + 2, int(np.ceil(high)))) for low, high in pairwise(edges)]
+    power = np.stack([(np.abs(spectrum[:, low:high]) ** 2).sum(axis=1) for low, high in spans], axis=1)
+    envelope = np.sqrt(power + 10**-DEPTH * power.mean(axis=(1, 2), keepdims=True))
+    mean, deviation = (each(envelope, axis=2, keepdims=True) for each in (np.mean, np.std))
+    score = (envelope - mean) / (deviation + STEADY * mean)
+    columns = [np.log(deviation[..., 0] / mean[..., 0] + 0.02), np.arcsinh((score**3).mean(axis=2))]
+    columns += [np.log1p((score**4).mean(axis=2))]
+    columns += [(score[:, lag:] * score[:, :-lag]).mean(axis=2) for lag in APART]
+    return np.concatenate(columns, axis=1).astype(np.float64)
+
+
 def nearest(
     known: Array, labels: NDArray[np.int64], devices: NDArray[np.str_], asked: Array, workers: int | None = None
 ) -> Array:
@@ -292,24 +316,20 @@ def nearest(
 
 
 def _in_subspace(known: Array, labels: NDArray[np.int64], devices: NDArray[np.str_], asked: Array) -> Array:
-    """(n, categories): a linear discriminant analysis of standardised features, covariances shrunk, then neighbours.
-
-    A category has as many votes as any other, whatever number of its seconds are known: so are the answers counted, too.
-    """
+    """(n, categories): a linear discriminant analysis of standardised features, covariances shrunk, then neighbours."""
     from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
     from sklearn.neighbors import KNeighborsClassifier
     from sklearn.preprocessing import StandardScaler
 
     scaler = StandardScaler().fit(known)
     known, asked = scaler.transform(known), scaler.transform(asked)
-    out, count = np.zeros((len(asked), len(CATEGORIES))), np.bincount(labels, minlength=len(CATEGORIES))
+    out = np.zeros((len(asked), len(CATEGORIES)))
     for groups in (labels, devices):
         most = min(AXES, known.shape[1], len(np.unique(groups)) - 1)
         axes = LinearDiscriminantAnalysis(solver="eigen", shrinkage=SHRINKAGE, n_components=most).fit(known, groups)
         neighbours = KNeighborsClassifier(min(NEIGHBOURS, len(known)), weights="distance")
         neighbours.fit(axes.transform(known), labels)
-        votes = neighbours.predict_proba(axes.transform(asked)) / count[neighbours.classes_]
-        out[:, neighbours.classes_] += votes / votes.sum(axis=1, keepdims=True) / 2
+        out[:, neighbours.classes_] += neighbours.predict_proba(axes.transform(asked)) / 2
     return out
 
 
