@@ -40,7 +40,8 @@ def quiet_canister(count: int, rng: Generator) -> Array:
     """
     take = work(count, rng, Habit(strokes=(0.3, 0.7), lift=(5.0, 18.0), seal=(20.0, 80.0), rise=(0.6, 1.4)))
     shaft = rng.uniform(380.0, 540.0) * take.speed
-    motor = universal_motor(count, rng, shaft, int(rng.integers(7, 12)), rng.uniform(0.2, 0.4), rng.uniform(-18.0, -9.0))
+    vanes, rough, ripple_db = int(rng.integers(7, 12)), rng.uniform(0.2, 0.4), rng.uniform(-18.0, -9.0)
+    motor = universal_motor(count, rng, shaft, vanes, rough, ripple_db)
     corner = rng.uniform(300.0, 600.0)
     lining = slopes([(corner, 0.0), (4.0 * corner, rng.uniform(-20.0, -12.0)), (16.0 * corner, -34.0)])
     slot = rng.uniform(600.0, 1500.0)
