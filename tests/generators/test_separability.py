@@ -1,4 +1,4 @@
-"""The networks of the separability table: what their training spectra go through, and what they see of it."""
+"""The separability table: what its networks' spectra go through, and what neighbours and networks know of a sound."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import soundfile
 
+from avs3d_bench.contract.layout import SAMPLE_RATE
 from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.errors import Avs3dError
 from benchmarks import separability
@@ -168,3 +169,32 @@ def test_who_is_asked_is_asked_dry_and_reverberant_and_the_verdict_has_both() ->
     # Training seconds are one or the other.
     once = separability._clips(separability._of_voice((5, "longcase", (1,), 1, False)))
     assert len(set(once.states)) == 1
+
+
+def test_textures_know_drops_from_rushing_air_of_one_spectrum_and_no_level() -> None:
+    rng = np.random.default_rng(5)
+    air = rng.standard_normal((8, SAMPLE_RATE))
+    drops = np.where(rng.random(air.shape) < 0.0005, air, 0.0)
+    of_air, of_drops = (separability._texture(each, 512).mean(axis=0) for each in (air, drops))
+    np.testing.assert_allclose(separability._texture(30.0 * air, 512).mean(axis=0), of_air, atol=1e-3)
+    # A sum of powers varies less than one, whose root has the variation of a Rayleigh distribution, 0.52.
+    assert np.exp(of_air[:24]).max() < 0.52 + 0.04
+    assert (of_drops[24:48] > of_air[24:48] + 0.5).all(), "skewness"
+    assert (of_drops[48:72] > of_air[48:72] + 0.2).all(), "kurtosis"
+
+
+def test_bands_that_swing_together_are_known() -> None:
+    air = np.random.default_rng(7).standard_normal((8, SAMPLE_RATE))
+    gusts = air * (1.0 + np.sin(2 * np.pi * 12 * np.arange(SAMPLE_RATE) / SAMPLE_RATE))
+    alone, together = (separability._texture(each, 2048)[:, 72:].mean(axis=0) for each in (air, gusts))
+    assert np.abs(alone).max() < 0.25
+    assert together.min() > 0.4
+
+
+def test_a_band_that_was_filtered_away_has_no_texture() -> None:
+    low = separability.low_pass(1000.0)(np.random.default_rng(6).standard_normal(SAMPLE_RATE))[None]
+    skewness, kurtosis = (separability._texture(low, 512)[0, begin : begin + 24] for begin in (24, 48))
+    above = separability.TEXTURE_EDGES[:-1] > 8000.0
+    assert np.abs(skewness[above]).max() < 0.5
+    assert kurtosis[above].max() < np.log1p(4.0)
+    assert kurtosis[separability.TEXTURE_EDGES[1:] < 1000.0].min() > np.log1p(2.0)
