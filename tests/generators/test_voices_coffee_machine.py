@@ -13,7 +13,7 @@ from generators.assets.sounds.devices.coffee_machine_parts import (
     slugs,
 )
 from generators.assets.sounds.water import Take
-from tests.support.spectra import energy_at
+from tests.support.spectra import energy_at, prominence
 
 SR = 44_100
 VOICES = voices("coffee_machine")
@@ -98,3 +98,13 @@ def test_an_espresso_machine_is_a_buzz_at_its_mains_and_a_moka_pot_is_not():
         tones = [lines(heard, mains * np.arange(2, 13)).sum() for mains in (50.0, 60.0)]
         share[name] = max(tones) / lines(heard, 55.0 * np.arange(2, 13)[np.arange(2, 13) % 10 != 0]).sum()
     assert share["vibration_pump_espresso"] > 5 * share["moka_pot"]
+
+
+def test_steam_has_no_line_of_a_pump_and_a_whipper_has_that_of_its_motor():
+    by_name = {voice.name: voice for voice in VOICES}
+    stands = {
+        name: [prominence(by_name[name].play(6 * SR, np.random.default_rng(seed)), 100, 900) for seed in range(3)]
+        for name in ("steam_espresso", "instant_whipper", "vibration_pump_espresso")
+    }
+    assert max(stands["steam_espresso"]) < 11.0 < min(stands["instant_whipper"])
+    assert min(stands["vibration_pump_espresso"]) > 20.0

@@ -7,7 +7,7 @@ from generators.assets.sounds import voices
 from generators.assets.sounds.devices.vacuum_cleaner import _leak
 from generators.assets.sounds.devices.vacuum_cleaner_parts import Habit, universal_motor, work
 from generators.assets.sounds.fans import frames
-from tests.support.spectra import likeness, share_above, strongest
+from tests.support.spectra import likeness, prominence, share_above, strongest
 from tests.support.tiers import some
 
 SR = 44_100
@@ -49,3 +49,12 @@ def test_a_universal_motor_hums_at_twice_the_mains_frequency():
     signal = universal_motor(4 * SR, np.random.default_rng(2), np.full(frames(4 * SR), 311.0), 6, 0.3, 0.0)
     assert min(abs(strongest(signal, 0, 180) - hum) for hum in (100.0, 120.0)) < 1.5
     assert abs(strongest(signal, 500, 6000) / (6 * 311.0) % 1.0 - 0.5) > 0.49
+
+
+def test_a_lined_canister_has_no_line_of_its_fan_and_an_open_motor_has():
+    by_name = {voice.name: voice for voice in VOICES}
+    stands = {
+        name: [prominence(by_name[name].play(6 * SR, np.random.default_rng(seed)), 1000, 8000) for seed in range(3)]
+        for name in ("quiet_canister", "backpack", "corded_handheld")
+    }
+    assert max(stands["quiet_canister"]) < 10.0 < min(stands["backpack"] + stands["corded_handheld"])

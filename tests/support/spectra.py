@@ -41,3 +41,11 @@ def share_above(signal: Array, corner: float) -> float:
     """Share of the energy above a frequency (Hz)."""
     power = np.abs(np.fft.rfft(signal, 2 * len(signal))) ** 2
     return float(power[np.fft.rfftfreq(2 * len(signal), 1 / SAMPLE_RATE) > corner].sum() / power.sum())
+
+
+def prominence(signal: Array, low: float, high: float) -> float:
+    """By how much (dB) the highest line of the mean spectrum of seconds stands above the median of its third octave."""
+    seconds = signal[: len(signal) // SAMPLE_RATE * SAMPLE_RATE].reshape(-1, SAMPLE_RATE)
+    power = (np.abs(np.fft.rfft(seconds * np.hanning(SAMPLE_RATE), axis=1)) ** 2).mean(axis=0)
+    bands = [power[int(begin) : int(1.26 * begin)] for begin in np.geomspace(low, high / 1.26, 12)]
+    return max(float(10 * np.log10(band.max() / np.median(band))) for band in bands)
