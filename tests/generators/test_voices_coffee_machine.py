@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from generators.assets.sounds import voices
+from generators.assets.sounds import find_voice, voices
 from generators.assets.sounds.devices.coffee_machine_parts import (
     Housing,
     VibrationPump,
@@ -101,9 +101,11 @@ def test_an_espresso_machine_is_a_buzz_at_its_mains_and_a_moka_pot_is_not():
 
 
 def test_steam_has_no_line_of_a_pump_and_a_whipper_has_that_of_its_motor():
-    by_name = {voice.name: voice for voice in VOICES}
     stands = {
-        name: [prominence(by_name[name].play(6 * SR, np.random.default_rng(seed)), 100, 900) for seed in range(3)]
+        name: [
+            prominence(find_voice("coffee_machine", name).play(6 * SR, np.random.default_rng(seed)), 100, 900)
+            for seed in range(3)
+        ]
         for name in ("steam_espresso", "instant_whipper", "vibration_pump_espresso")
     }
     assert max(stands["steam_espresso"]) < 11.0 < min(stands["instant_whipper"])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from generators.assets.sounds import voices
+from generators.assets.sounds import find_voice, voices
 from generators.assets.sounds.devices.vacuum_cleaner import _leak
 from generators.assets.sounds.devices.vacuum_cleaner_parts import Habit, universal_motor, work
 from generators.assets.sounds.fans import frames
@@ -52,9 +52,11 @@ def test_a_universal_motor_hums_at_twice_the_mains_frequency():
 
 
 def test_a_lined_canister_has_no_line_of_its_fan_and_an_open_motor_has():
-    by_name = {voice.name: voice for voice in VOICES}
     stands = {
-        name: [prominence(by_name[name].play(6 * SR, np.random.default_rng(seed)), 1000, 8000) for seed in range(3)]
+        name: [
+            prominence(find_voice("vacuum_cleaner", name).play(6 * SR, np.random.default_rng(seed)), 1000, 8000)
+            for seed in range(3)
+        ]
         for name in ("quiet_canister", "backpack", "corded_handheld")
     }
     assert max(stands["quiet_canister"]) < 10.0 < min(stands["backpack"] + stands["corded_handheld"])

@@ -23,6 +23,7 @@ from generators.assets.sounds.devices.coffee_machine_parts import (
     VibrationPump,
     cracks,
     drips,
+    first_start,
     motor,
     run_up,
     slugs,
@@ -45,11 +46,6 @@ from generators.assets.sounds.water import (
 )
 
 
-def _start(rng: Generator, longest: float) -> float:
-    """Moment at which the first programme of a take began."""
-    return -rng.uniform(0.0, longest) if rng.random() < 0.5 else rng.uniform(0.2, 1.0)
-
-
 def vibration_pump_espresso(count: int, rng: Generator) -> Array:
     """Espresso machine with a vibration pump in a sheet-metal case: prime, build-up to 9 bar, shot, release.
 
@@ -61,7 +57,7 @@ def vibration_pump_espresso(count: int, rng: Generator) -> Array:
     housing, mains = Housing(rng, 180, 5200, 14, 0.07), float(rng.choice([50.0, 60.0]))
     pump = VibrationPump(mains, housing, rng.uniform(0.2, 0.5), rng.uniform(0.1, 0.25), rng.uniform(0.06, 0.14))
     shot, soak = rng.uniform(16.0, 26.0), rng.uniform(3.0, 7.0)
-    now = _start(rng, shot)
+    now = first_start(rng, shot)
     while now < take.line.seconds:
         length = shot * rng.uniform(0.88, 1.12)
         full = rng.uniform(0.7, 0.95)
@@ -101,7 +97,7 @@ def capsule_machine(count: int, rng: Generator) -> Array:
     hard, hum, chatter = rng.uniform(0.5, 1.0), rng.uniform(0.12, 0.3), rng.uniform(0.12, 0.25)
     pump = VibrationPump(mains, housing, hard, hum, chatter, int(rng.integers(3, 7)))
     shot, wet = rng.uniform(9.0, 16.0), rng.uniform(0.8, 1.8)
-    now = _start(rng, shot)
+    now = first_start(rng, shot)
     while now < take.line.seconds:
         length = shot * rng.uniform(0.9, 1.1)
         take.at(now - 2.2, 0.9, knock(rng, 220, 2600, 0.07, 9))
@@ -145,7 +141,7 @@ def rotary_pump_bar(count: int, rng: Generator) -> Array:
     mains, slip, vanes = float(rng.choice([50.0, 60.0])), rng.uniform(0.02, 0.045), int(rng.integers(5, 9))
     shot, steam = rng.uniform(18.0, 27.0), rng.uniform(6.0, 12.0)
     box, orders = Housing(rng, 90, 1600, 9, 0.16), _vane_orders(rng, vanes)
-    now = _start(rng, shot)
+    now = first_start(rng, shot)
     while now < take.line.seconds:
         length = shot * rng.uniform(0.9, 1.1)
         end = now + length
@@ -189,7 +185,7 @@ def burr_grinder(count: int, rng: Generator) -> Array:
     orders = np.full(3 * teeth, 0.05)
     orders[:4] = 0.8, 0.5, 0.2, 0.15
     orders[teeth - 2], orders[teeth - 1], orders[teeth], orders[2 * teeth - 1], orders[-1] = 0.35, 1.0, 0.3, 0.4, 0.2
-    now = _start(rng, dose)
+    now = first_start(rng, dose)
     while now < take.line.seconds:
         length = dose * rng.uniform(0.85, 1.15)
         speed = run_up(length, 0.12, rng.uniform(0.5, 0.9), 2.5)
@@ -224,7 +220,7 @@ def drip_filter(count: int, rng: Generator) -> Array:
     take = Take(count, rng)
     tube, brew, rate = rng.uniform(190.0, 420.0), rng.uniform(30.0, 60.0), rng.uniform(0.8, 1.6)
     jugs = [(0.0, 350.0)]
-    now = _start(rng, 0.8 * brew)
+    now = first_start(rng, 0.8 * brew)
     while now < take.line.seconds:
         warm, length = rng.uniform(3.0, 6.0), brew * rng.uniform(0.9, 1.1)
         begin, end = now + warm, now + warm + length
@@ -260,7 +256,7 @@ def moka_pot(count: int, rng: Generator) -> Array:
     heat, rise, boil = rng.uniform(8.0, 16.0), rng.uniform(6.0, 12.0), rng.uniform(9.0, 16.0)
     lid = Housing(rng, 900, 8000, 9, 0.12, 0.2)
     rattles = [lid.blow(0.15, 0.5) for _ in range(16)]
-    now = _start(rng, heat + rise)
+    now = first_start(rng, heat + rise)
     while now < take.line.seconds:
         up = now + heat * rng.uniform(0.85, 1.15)
         steam = up + rise * rng.uniform(0.85, 1.15)
@@ -298,7 +294,7 @@ def percolator(count: int, rng: Generator) -> Array:
     take = Take(count, rng)
     tube, run = rng.uniform(420.0, 900.0), rng.uniform(30.0, 55.0)
     knob = Housing(rng, 500, 7000, 11, 0.2, 0.25)
-    now = _start(rng, 0.8 * run)
+    now = first_start(rng, 0.8 * run)
     while now < take.line.seconds:
         warm, end = now + rng.uniform(6.0, 10.0), now + run * rng.uniform(0.9, 1.1)
         take.at(now, 0.6, knock(rng, 800, 6000, 0.02, click=1.0))
@@ -347,7 +343,7 @@ def bean_to_cup(count: int, rng: Generator) -> Array:
     ratio = int(rng.integers(12, 22))
     orders = np.full(2 * ratio, 0.04)
     orders[:2], orders[ratio - 1], orders[-1] = (0.15, 0.1), 0.5, 0.3
-    now = _start(rng, 30.0)
+    now = first_start(rng, 30.0)
     while now < take.line.seconds:
         length = grind * rng.uniform(0.9, 1.1)
         speed = run_up(length, 0.1, 0.12, 0.6)
@@ -388,7 +384,7 @@ def blade_grinder(count: int, rng: Generator) -> Array:
     take = Take(count, rng)
     turns, mains, lid = rng.uniform(170.0, 290.0), float(rng.choice([50.0, 60.0])), rng.uniform(250.0, 450.0)
     orders = np.array([1.0, 0.9, 0.25, 0.5, 0.12, 0.2, 0.06, 0.15, 0.05, 0.08, 0.03, 0.06]) * rng.uniform(0.5, 1.5, 12)
-    now, powder = _start(rng, 6.0), rng.uniform(0.0, 0.6)
+    now, powder = first_start(rng, 6.0), rng.uniform(0.0, 0.6)
     while now < take.line.seconds:
         length = rng.uniform(1.5, 5.0)
         speed = run_up(length, rng.uniform(0.1, 0.2), rng.uniform(0.35, 0.7), 2.0)
@@ -426,7 +422,7 @@ def steam_wand_milk(count: int, rng: Generator) -> Array:
     cold, rolls, jug = rng.uniform(1400.0, 2800.0), rng.uniform(8.0, 16.0), rng.uniform(420.0, 800.0)
     pitch, sings = rng.uniform(900.0, 2600.0), rng.uniform(0.05, 0.5)
     note, steel = [(0.0, cold)], Housing(rng, 350, 7000, 11, 0.25, 0.2)
-    now = _start(rng, rolls)
+    now = first_start(rng, rolls)
     while now < take.line.seconds:
         take.line.add("purge", (now, 0.0), (now + 0.12, 0.5), (now + 0.8, 0.45), (now + 0.95, 0.0))
         begin = now + rng.uniform(1.5, 2.5)
@@ -503,5 +499,11 @@ VOICES: tuple[Voice, ...] = (
         geared_conical_grinder, "train", "grinder behind a planetary gear", "McFadden & Smith, Proc. IMechE 199 (1985)"
     ),
     _voice(steam_espresso, "train", "boiler's steam", "Aljishi & Tatarkiewicz 1991; Lighthill 1952; Li et al. 2023"),
-    _voice(instant_whipper, "train", "whipper in a bowl", "small direct-current motors; falling water without a pump"),
+    _voice(
+        instant_whipper,
+        "train",
+        "whipper in a bowl",
+        "A. E. Fitzgerald, C. Kingsley, S. D. Umans, Electric Machinery (6th ed. 2003), on direct-current motors; "
+        "van den Doel 2005",
+    ),
 )

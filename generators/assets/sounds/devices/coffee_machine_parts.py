@@ -24,6 +24,11 @@ SPITTING: Spectrum = {63: -26, 125: -15, 250: -6, 500: -2, 1000: 0, 2000: -2, 40
 STANDBY: Spectrum = {63: -8, 125: -4, 250: -2, 500: -2, 1000: -3, 2000: -5, 4000: -8, 8000: -13, 16_000: -26}
 
 
+def first_start(rng: Generator, longest: float) -> float:
+    """Moment (s) at which the first programme of a take began: half of them are under way, for ``longest`` at most."""
+    return -rng.uniform(0.0, longest) if rng.random() < 0.5 else rng.uniform(0.2, 1.0)
+
+
 def unrest(count: int, rng: Generator, rate: float, depth: float) -> Array:
     """`signals.drift` for rates far below 100 per second: every 64th sample, and straight lines between."""
     coarse = drift(count // 64 + 2, rng, 64.0 * rate, depth)

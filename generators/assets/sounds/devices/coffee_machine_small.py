@@ -12,6 +12,7 @@ from generators.assets.sounds.devices.coffee_machine_parts import (
     Housing,
     cracks,
     drips,
+    first_start,
     motor,
     run_up,
     unrest,
@@ -46,7 +47,7 @@ def pod_air_pump(count: int, rng: Generator) -> Array:
     take = Take(count, rng)
     housing, strokes = Housing(rng, 150, 3200, 11, 0.04, 0.5), rng.uniform(35.0, 70.0)
     heat, press = rng.uniform(5.0, 11.0), rng.uniform(9.0, 18.0)
-    now = -rng.uniform(0.0, heat + press) if rng.random() < 0.5 else rng.uniform(0.2, 1.0)
+    now = first_start(rng, heat + press)
     while now < take.line.seconds:
         take.at(now - 1.2, 1.2, knock(rng, 200, 2400, 0.07, 9))
         take.at(now - 0.9, 1.4, knock(rng, 150, 2000, 0.09, 9, 0.6))
@@ -80,7 +81,7 @@ def geared_conical_grinder(count: int, rng: Generator) -> Array:
     mesh = rng.uniform(600.0, 2000.0)
     rate, low = rng.uniform(120.0, 320.0), rng.uniform(250.0, 600.0)
     levels = np.array([0.6, 0.4, 0.15, 0.3, 0.1, 0.2, 0.08, 0.1]) * rng.uniform(0.5, 1.5, 8)
-    now = -rng.uniform(0.0, dose) if rng.random() < 0.5 else rng.uniform(0.2, 1.0)
+    now = first_start(rng, dose)
     while now < take.line.seconds:
         length = dose * rng.uniform(0.85, 1.15)
         speed = run_up(length, 0.1, rng.uniform(0.1, 0.3), 1.0)

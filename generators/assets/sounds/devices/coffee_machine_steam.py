@@ -13,6 +13,7 @@ from generators.assets.sounds.devices.coffee_machine_parts import (
     STANDBY,
     Housing,
     drips,
+    first_start,
     motor,
     run_up,
     slugs,
@@ -23,7 +24,7 @@ from generators.assets.sounds.water import Spectrum, Take, frame_drift, knock, m
 
 
 def _froths(take: Take, begin: float, end: float) -> None:
-    """The wand in milk: the curve ``froth``, and air that is torn in (``tear``) until the jug is lowered no more."""
+    """The wand in milk: the curve ``froth``, and air that is torn in (``tear``) in its first part."""
     rng = take.rng
     take.line.add("froth", (begin, 0.0), (begin + 0.4, 0.6), (0.6 * begin + 0.4 * end, 0.9))
     take.line.add("froth", (end - 0.5, 0.7), (end, 0.0))
@@ -96,7 +97,7 @@ def instant_whipper(count: int, rng: Generator) -> Array:
     take = Take(count, rng)
     cabinet, whip, gear = Housing(rng, 90, 2600, 13, 0.09, 0.5), rng.uniform(130.0, 250.0), rng.uniform(45.0, 90.0)
     bowl, wet = rng.uniform(500.0, 1400.0), rng.uniform(0.3, 0.7)
-    now = -rng.uniform(0.0, 12.0) if rng.random() < 0.5 else rng.uniform(0.2, 1.0)
+    now = first_start(rng, 12.0)
     while now < take.line.seconds:
         take.at(now, 0.8, cabinet.blow(0.2, 0.6))
         for powder in range(int(rng.integers(1, 4))):

@@ -64,7 +64,7 @@ def quiet_canister(count: int, rng: Generator) -> Array:
 
 
 def backpack(count: int, rng: Generator) -> Array:
-    """A cleaner of an office's cleaner, carried on the back: a steady two-stage fan in foam, a short hose, few strokes.
+    """Carried on the back by those who clean offices: a steady two-stage fan in foam, a short hose, few strokes.
 
     Model: a bypass motor of 16 to 22 thousand rpm with two stages whose blade rates differ, so that they beat (Čudina
     and Prezelj 2007), behind a filter cone and foam; hose of 1.2 to 1.6 m and tube of aluminium, a nozzle of 35 cm that
