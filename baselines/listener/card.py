@@ -109,6 +109,7 @@ def write_result(
         "training": {
             "command": " ".join(["avs3d", *sys.argv[1:]]),
             "seed": settings.seed,
+            "began_with": settings.weights,
             "steps": settings.steps,
             "picture_steps": settings.picture_steps,
             "batch_per_device": settings.batch,
@@ -197,6 +198,7 @@ Marks what sounds in a picture, given one second of binaural sound. Categories: 
   Manifest: {manifest}. Shards: sha256 `{data["shards_sha256"]}`.
 - Recordings and models by others in the data: {credited}.
 - Command: `{training["command"]}`
+- Began with {_beginning(training.get("began_with"))}.
 - Seed {training["seed"]}, {training["steps"]:,} steps of {training["batch_per_device"]} sounds a device; the first
   {training["picture_steps"]:,} of them were of as many parts of pictures, without sound.
 - Hardware: {", ".join(training["devices"])}; {training["precision"]}; torch {training["torch"]};
@@ -216,6 +218,10 @@ Validation, on homes that were not trained on:
 Trained on generated homes and objects. It marks the seven categories alone; how it does on recordings, models by
 others and in a real room is measured in docs/listener.md of the project, for the weights of the package.
 """
+
+
+def _beginning(digest: str | None) -> str:
+    return f"the weights of sha256 `{digest}`" if digest else "random weights"
 
 
 def _credit(asset: dict[str, str]) -> str:

@@ -40,6 +40,7 @@ class Settings:
         seed: of weights, batches and augmentation.
         widths: size of the network.
         without: names of `augment.CHANGES` that are left out, in alphabetical order.
+        weights: sha256 of the weights that the run begins with; None: random ones.
 
     Examples:
         >>> settings = Settings(steps=10_000, batch=64, seed=1)
@@ -58,6 +59,7 @@ class Settings:
     seed: int = 0
     widths: Widths = field(default_factory=Widths)
     without: tuple[str, ...] = ()
+    weights: str | None = None
 
     def __post_init__(self) -> None:
         if self.steps < 1:
@@ -119,10 +121,19 @@ class State:
         self.average.n_averaged += 1
 
 
-def new_state(settings: Settings, device: torch.device | str = "cpu") -> State:
-    """Before the first step; the same for the same seed."""
+def new_state(settings: Settings, device: torch.device | str = "cpu", begin: Listener | None = None) -> State:
+    """Before the first step; the same for the same seed.
+
+    Args:
+        settings: of the run.
+        device: where the network goes.
+        begin: whose weights it takes, of the settings' widths; None: random ones.
+    """
     torch.manual_seed(settings.seed)
-    network: Any = Listener(settings.widths).to(device)
+    network: Any = Listener(settings.widths)
+    if begin is not None:
+        network.load_state_dict(begin.state_dict())
+    network = network.to(device)
     network = network.to(memory_format=torch.channels_last)
     decayed = [p for p in network.parameters() if p.ndim > 1]
     others = [p for p in network.parameters() if p.ndim <= 1]
@@ -151,9 +162,9 @@ def resume(state: State, folder: Path, settings: Settings, digest: str) -> None:
         settled, trained = json.loads(saved["settings"]), saved["data"]
         early = saved["step"] <= min(settled["picture_steps"], settings.picture_steps)
         for name, value in json.loads(_as_json(settings)).items():
-            if settled[name] != value and not (early and _comes_later(name, settled[name], value)):
+            if settled.get(name) != value and not (early and _comes_later(name, settled[name], value)):
                 raise UsageError(
-                    f"{path}: a run with {name} {settled[name]}, asked for {value}; use the same, or another folder"
+                    f"{path}: a run with {name} {settled.get(name)}, asked for {value}; use the same, or another folder"
                 )
         if trained != digest:
             raise UsageError(

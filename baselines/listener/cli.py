@@ -42,10 +42,9 @@ def train() -> None:
 @click.option(
     "--size",
     type=click.Choice(["full", "small"]),
-    default="full",
-    show_default=True,
-    help="Of the network; two CPU cores train the small one within hours.",
+    help="Of the network; two CPU cores train the small one within hours [full].",
 )
+@click.option("--weights", type=PATH, metavar="FILE", help="Trained weights to begin with [random ones].")
 @click.option("--minutes", type=click.FloatRange(0, min_open=True), help="Stop after this time; run again to go on.")
 @click.option("--stop-at", type=click.IntRange(1), metavar="STEP", help="Stop after this step; run again to go on.")
 @click.option(

@@ -23,7 +23,7 @@ from baselines.listener.model import SIZES
 from baselines.listener.shards import ShardStore
 from baselines.listener.steps import Result, Schedule
 from baselines.listener.training import CACHE, CALIBRATION, prepare, train
-from baselines.listener.weights import Calibration
+from baselines.listener.weights import Calibration, read_weights
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class TrainingOptions:
     epochs: float
     steps: int | None = None
     picture_steps: int = 0
-    size: str = "full"
+    size: str | None = None
     manifest: Path | None = None
     minutes: float | None = None
     stop_at: int | None = None
@@ -52,6 +52,7 @@ class TrainingOptions:
     without: tuple[str, ...] = ()
     cache: Path | None = None
     calibrate_on: Path | None = None
+    weights: Path | None = None
 
 
 def make_fabric(job: TrainingOptions, precision: str) -> Any:
@@ -106,10 +107,14 @@ def run_job(job: TrainingOptions, precision: str, *, progress: bool = False) -> 
     torch.backends.cudnn.benchmark = True
     fabric = make_fabric(job, precision)
     fabric.launch()
+    if job.size and job.weights:
+        raise UsageError("--size and --weights: the weights have a size; expected one of them")
+    found = read_weights(job.weights) if job.weights else None
     # The settings are checked before minutes are spent on reading.
     settings = Settings(
         steps=job.steps or job.picture_steps + 1, picture_steps=job.picture_steps, batch=job.batch, rate=job.rate,
-        homes=job.homes, seed=job.seed, widths=SIZES[job.size], without=tuple(sorted(set(job.without))),
+        homes=job.homes, seed=job.seed, widths=found.network.widths if found else SIZES[job.size or "full"],
+        without=tuple(sorted(set(job.without))), weights=found.digest if found else None,
     )  # fmt: skip
     reading: dict[str, Any] = {"workers": job.workers, "progress": progress}
     store = prepare(job.data, job.cache or job.folder / CACHE, fabric, **reading)
@@ -124,12 +129,13 @@ def run_job(job: TrainingOptions, precision: str, *, progress: bool = False) -> 
         minutes=left, stop_at=job.stop_at, validate_every=job.validate_every, compile=job.compile
     )  # fmt: skip
     with flushed():
-        result = train(store, job.folder, settings, fabric=fabric, schedule=schedule)
-        found = calibration_of(result, tuning, fabric) if result.finished else None
+        begin = found.network if found else None
+        result = train(store, job.folder, settings, fabric=fabric, schedule=schedule, begin=begin)
+        calibrated = calibration_of(result, tuning, fabric) if result.finished else None
     if fabric.global_rank:
         return None, result.step, settings.steps
-    if found is not None:
+    if calibrated is not None:
         machine = RunMachine.of(fabric, precision)
-        write_result(job.folder, result, settings, machine, found, data=job.data, manifest=job.manifest)
+        write_result(job.folder, result, settings, machine, calibrated, data=job.data, manifest=job.manifest)
     sys.stdout.flush()
     return result.finished, result.step, settings.steps

@@ -25,6 +25,7 @@ import torch
 from avs3d_bench.errors import Avs3dError
 from baselines.listener.augment import Bank
 from baselines.listener.checkpoint import Settings, State, new_state, resume
+from baselines.listener.model import Listener
 from baselines.listener.shards import ShardStore, open_store, read_store
 from baselines.listener.steps import Result, Run, Schedule
 
@@ -75,6 +76,7 @@ def train(
     fabric: Any,
     schedule: Schedule,
     bank: Bank | None = None,
+    begin: Listener | None = None,
 ) -> Result:
     """Train, or go on with, the run of a folder.
 
@@ -85,6 +87,7 @@ def train(
         fabric: a launched `lightning.fabric.Fabric`.
         schedule: when to stop and to look around.
         bank: the same on the device; None: it is put there.
+        begin: see `checkpoint.new_state`; a run that goes on has its own weights.
 
     Raises:
         UsageError: if the folder's run has other settings or data.
@@ -110,7 +113,7 @@ def train(
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    state = new_state(settings, fabric.device)
+    state = new_state(settings, fabric.device, begin)
     resume(state, folder, settings, store.table.digest)
     with _enough_memory(fabric.device, state, settings):
         return Run(folder, settings, schedule, store, state, fabric, bank).go()

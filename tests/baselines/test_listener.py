@@ -711,6 +711,37 @@ def test_the_command_trains_and_writes_weights_and_card(
     assert "by others in the data: not known" in text  # of shards that were exported
 
 
+@pytest.mark.slow
+def test_a_run_begins_with_trained_weights_and_says_so(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from baselines.listener import job
+    from baselines.listener.cli import train
+
+    monkeypatch.setitem(job.SIZES, "small", SMALL)
+    torch.manual_seed(8)
+    digest = weights.save_weights(Listener(SMALL), tmp_path / "trained.safetensors")
+    options = ["listener", "--data", str(data), "-o", str(tmp_path / "run"), "--steps", "1", "--batch-size", "4",
+               "--precision", "fp32", "--accelerator", "cpu", "--workers", "1", "--rate", "1e-9",
+               "--weights", str(tmp_path / "trained.safetensors")]  # fmt: skip
+    found = CliRunner().invoke(train, options, catch_exceptions=False)
+    assert found.exit_code == 0, found.output
+    # A step of this rate changes nothing that float16 shows.
+    before, after = (
+        weights.load_listener(tmp_path / name)[0] for name in ("trained.safetensors", "run/listener.safetensors")
+    )
+    for (name, one), other in zip(before.named_parameters(), after.parameters(), strict=True):
+        assert torch.allclose(one, other, atol=1e-4), name
+    card = json.loads((tmp_path / "run" / "model_card.json").read_text())
+    assert card["training"]["began_with"] == digest
+    assert f"Began with the weights of sha256 `{digest}`" in (tmp_path / "run" / "model_card.md").read_text()
+    # Neither with random ones nor with others.
+    with pytest.raises(UsageError, match=rf"a run with weights {digest}, asked for None"):
+        CliRunner().invoke(train, [*options[:-2], "--size", "small"], catch_exceptions=False)
+    with pytest.raises(UsageError, match=r"--size and --weights: the weights have a size; expected one of them"):
+        CliRunner().invoke(train, [*options, "--size", "small"], catch_exceptions=False)
+
+
 def test_the_card_credits_who_made_recordings_and_models(tmp_path: Path) -> None:
     from avs3d_bench.exports.observation_tar import RECORD_MEMBER
     from baselines.listener import card
