@@ -46,6 +46,8 @@ TUNE_OPTIONS ?= --size 504 --frames 12
 STEPS ?= 4500
 PICTURE_STEPS ?= 1500
 TRAIN_LISTENER_OPTIONS ?= --validate-every 1600
+# Trained weights that each training begins with; without a file: random ones.
+WEIGHTS ?=
 # Of the ablation with small networks, which shares the GPUs with the trainings; 0: none.
 ABLATION_MINUTES ?= $(if $(filter 0,$(GPUS)),0,13)
 ABLATION_OPTIONS ?=
@@ -87,7 +89,7 @@ all: $(LISTENER)/figures.done
 
 # Each kernel is compiled once, not by every process at once.
 $(LISTENER)/kernels.done:
-	$(call timed,kernels,$(PYTHON) -m tests.support.compile_kernels)
+	$(call timed,kernels,$(if $(filter cuda,$(DEVICE)),$(PYTHON) -m tests.support.compile_kernels --device cuda & )$(PYTHON) -m tests.support.compile_kernels && wait)
 	@touch $@
 
 $(LISTENER)/manifests/train-recorded.yaml:
@@ -101,8 +103,9 @@ $(LISTENER)/train-%.done: | $(LISTENER)/kernels.done $(LISTENER)/manifests/train
 	  [ $$status -eq 1 -o $$status -eq 124 ] && ls $(SHARDS)/$*/*.tar > /dev/null; })
 	@touch $@
 
+# With what the training data leaves of the cores: at its end, when one part after another is done, they wait for nothing else.
 $(LISTENER)/tune.done: | $(LISTENER)/kernels.done
-	$(call timed,tune,$(foreach each,$(TUNE),$(call pinned,tune) $(AVS3D) generate $(each) -o $(LISTENER)/tune/$(basename $(notdir $(each))) \
+	$(call timed,tune,$(foreach each,$(TUNE),nice -n 10 $(call pinned,tune) $(AVS3D) generate $(each) -o $(LISTENER)/tune/$(basename $(notdir $(each))) \
 	  --format webdataset --audio tracer --device $(DEVICE) --workers $(call share,$(SHARE_tune)) $(TUNE_OPTIONS) &&) true)
 	@touch $@
 
@@ -114,7 +117,7 @@ $(LISTENER)/decoded.done: $(TRAIN_PARTS:%=$(LISTENER)/train-%.done) $(LISTENER)/
 $(CARDS): $(LISTENER)/run/seed%/listener.safetensors: $(LISTENER)/decoded.done
 	@mkdir -p $(@D) && ln -sfn $(abspath $(LISTENER)/tune-cache) $(@D)/calibration
 	$(call timed,seed$*,$(call on,$*) $(PYTHON) -m benchmarks.listener_training --data $(SHARDS) --cache $(LISTENER)/train-cache \
-	  --calibrate-on $(LISTENER)/tune -o $(@D) --seed $* --picture-steps $(PICTURE_STEPS) --steps $(STEPS) --manifest $(TRAIN) \
+	  --calibrate-on $(LISTENER)/tune -o $(@D) --seed $* --picture-steps $(PICTURE_STEPS) --steps $(STEPS) --manifest $(TRAIN) $(if $(WEIGHTS),--weights $(WEIGHTS)) \
 	  $(if $(filter 0,$(GPUS)),--accelerator cpu) $(TRAIN_LISTENER_OPTIONS) && [ -f $@ ])
 
 $(LISTENER)/ablation.done: $(LISTENER)/decoded.done

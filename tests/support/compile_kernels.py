@@ -1,7 +1,11 @@
-"""`python -m tests.support.compile_kernels`: compile what most tests need once, not in several processes at once."""
+"""`python -m tests.support.compile_kernels`: compile what most tests need once, not in several processes at once.
+
+With ``--device cuda``: the kernels of the GPU, each time; a process of its own can do it at the same time.
+"""
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 import tempfile
 from pathlib import Path
@@ -13,6 +17,24 @@ from generators.core.jit import CACHE_FOLDER, kernel_digest
 
 
 def main() -> None:
+    """What was asked for on the command line."""
+    parser = argparse.ArgumentParser(prog="compile_kernels", description="Compile kernels once.")
+    parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
+    if parser.parse_args().device == "cuda":
+        _compile_cuda()
+    else:
+        compile_once()
+
+
+def _compile_cuda() -> None:
+    from generators.backends import warm_up
+    from generators.options import EngineOptions
+
+    for engine in ("analytic", "tracer"):
+        warm_up(EngineOptions(audio=engine, device="cuda"))
+
+
+def compile_once() -> None:
     """Bake a box, make a small observation with each acoustic engine of numba, and see, hear and export a home.
 
     Nothing if that was done before. The home is that of README.md and of the examples, which find it lit.
