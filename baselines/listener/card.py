@@ -103,6 +103,7 @@ def write_result(
             "pictures": len(table.groups),
             "sounds": len(table.keys),
             "training_homes": len(training),
+            "homes": sorted(training),
             "validation_homes": sorted(kept),
             "assets": _assets_of_others(data),
         },

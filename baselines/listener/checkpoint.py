@@ -16,12 +16,15 @@ from torch.optim.swa_utils import AveragedModel
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats.files import atomic_path
 from baselines.listener.batches import SOUNDS
+from baselines.listener.lite import LiteEncoder, load_imagenet
 from baselines.listener.model import Listener, Widths
 from baselines.listener.picture_changes import PICTURE_CHANGES
 
 CHECKPOINT = "checkpoint.pt"
 #: Most steps in which the learning rate rises.
 MOST_WARM_UP = 500
+#: Of the learning rate, for layers that begin with what others trained.
+LEARNT_SHARE = 0.2
 
 
 @dataclass(frozen=True)
@@ -133,11 +136,20 @@ def new_state(settings: Settings, device: torch.device | str = "cpu", begin: Lis
     network: Any = Listener(settings.widths)
     if begin is not None:
         network.load_state_dict(begin.state_dict())
+    elif isinstance(network.picture_encoder, LiteEncoder):
+        load_imagenet(network.picture_encoder)
     network = network.to(device)
     network = network.to(memory_format=torch.channels_last)
-    decayed = [p for p in network.parameters() if p.ndim > 1]
-    others = [p for p in network.parameters() if p.ndim <= 1]
-    groups = [{"params": decayed, "weight_decay": settings.decay}, {"params": others, "weight_decay": 0.0}]
+    groups = []
+    for learnt in (False, True):
+        here = [
+            each for name, each in network.named_parameters()
+            if learnt == (settings.widths.encoder == "lite0" and name.startswith("picture_encoder."))
+        ]  # fmt: skip
+        for decay, decays in ((settings.decay, True), (0.0, False)):
+            group = [each for each in here if (each.ndim > 1) == decays]
+            if group:
+                groups.append({"params": group, "weight_decay": decay, "share": LEARNT_SHARE if learnt else 1.0})
     optimiser = torch.optim.AdamW(
         groups, lr=settings.rate, betas=(0.9, 0.99), fused=torch.device(device).type == "cuda"
     )

@@ -33,6 +33,7 @@ from torch.nn import functional
 from avs3d_bench.contract.taxonomy import CATEGORIES
 from baselines.listener import direction, features
 from baselines.listener.blocks import Block, Listen, Mix, Up, down
+from baselines.listener.lite import LITE_CHANNELS, LITE_MEAN, LITE_STD, LiteEncoder
 
 #: Pictures are padded to a multiple of this at the right and at the bottom (pixels).
 MULTIPLE = 32
@@ -40,6 +41,8 @@ MULTIPLE = 32
 CLASSES = 1 + len(CATEGORIES)
 #: Mean and standard deviation of a channel of pictures (of 0 to 1), roughly.
 PICTURE_MEAN, PICTURE_STD = 0.45, 0.25
+#: Encoders of pictures by name, and the mean and standard deviation of their pictures.
+ENCODERS = {"convnext": (PICTURE_MEAN, PICTURE_STD), "lite0": (LITE_MEAN, LITE_STD)}
 #: Stride of the direction map, and of the finest level that attends to it (pixels).
 FINEST = 4
 #: Log-odds of the match map are cut here on both sides.
@@ -63,6 +66,7 @@ class Widths:
         audio: channels of the sound's encoder; the last is also that of the tokens, and of the attention.
         attention: layers of it.
         unknown: whether it also says how probable it is that something is heard which it cannot name.
+        encoder: of pictures: ``convnext``, or ``lite0``, which has channels of its own and no ``blocks`` (see `lite`).
 
     Examples:
         >>> small = Widths(
@@ -78,6 +82,7 @@ class Widths:
     audio: tuple[int, ...] = (32, 64, 128, 256)
     attention: int = 2
     unknown: bool = False
+    encoder: str = "convnext"
 
     def checked(self) -> Widths:
         """The same; for sizes that a file names.
@@ -98,6 +103,10 @@ class Widths:
                 raise ValueError(f"{name}: expected whole numbers between {least} and {most}")
         if not isinstance(self.unknown, bool):
             raise ValueError("unknown: expected true or false")
+        if self.encoder not in ENCODERS:
+            raise ValueError(f"encoder: expected {' or '.join(ENCODERS)}")
+        if self.encoder == "lite0" and self.image != LITE_CHANNELS:
+            raise ValueError(f"image: expected {LITE_CHANNELS}, the channels of the encoder lite0")
         return self
 
 
@@ -108,6 +117,7 @@ SIZES = {
         image=(16, 32, 80, 160, 224), blocks=(0, 2, 2, 3, 2), decoder=(96, 64, 32, 16), audio=(32, 64, 96, 128),
         attention=1, unknown=True,
     ),
+    "lite": Widths(encoder="lite0", image=LITE_CHANNELS, blocks=(0, 0, 0, 0, 0), unknown=True),
 }  # fmt: skip
 
 
@@ -285,7 +295,7 @@ class Listener(nn.Module):
         super().__init__()
         widths = widths or Widths()
         self.widths = widths
-        self.picture_encoder = PictureEncoder(widths)
+        self.picture_encoder = LiteEncoder() if widths.encoder == "lite0" else PictureEncoder(widths)
         self.picture_decoder = PictureDecoder(widths)
         self.sound_encoder = SoundEncoder(widths)
         self.sounding_decoder = SoundingDecoder(widths)
@@ -304,7 +314,8 @@ class Listener(nn.Module):
                 of pixels alone are answered.
         """
         height, width = picture.shape[-2:]
-        normalised = (picture - PICTURE_MEAN) / PICTURE_STD
+        mean, deviation = ENCODERS[self.widths.encoder]
+        normalised = (picture - mean) / deviation
         normalised = functional.pad(normalised, (0, -width % MULTIPLE, 0, -height % MULTIPLE))
         encoded = self.picture_encoder(normalised.contiguous(memory_format=torch.channels_last))
         classes = self.picture_decoder(encoded)

@@ -207,7 +207,7 @@ class Run:
 
     def _step(self, step: int, plan: BatchPlan) -> None:
         for group in self.optimiser.param_groups:
-            group["lr"] = self.settings.rate_at(step)
+            group["lr"] = self.settings.rate_at(step) * group.get("share", 1.0)
         batch = self._gather(step, plan, self.fabric.global_rank)
         terms = losses(self.model(batch.pictures, batch.sounds, batch.cameras), batch)
         self.optimiser.zero_grad(set_to_none=True)

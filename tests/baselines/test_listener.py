@@ -703,6 +703,8 @@ def test_the_command_trains_and_writes_weights_and_card(
     card = json.loads((tmp_path / "run" / "model_card.json").read_text())
     assert card["weights"]["sha256"] == weights.load_listener(tmp_path / "run" / "listener.safetensors")[1]
     assert card["training"]["steps"] == 2
+    # Those to begin other data with: a run that goes on from these weights may take other homes.
+    assert len(card["data"]["homes"]) == card["data"]["training_homes"] > 0
     assert sum(card["training"]["shares_of_sounds"].values()) == pytest.approx(1, abs=1e-3)
     assert (card["data"]["dataset"], card["data"]["manifest_sha256"]) == ("tiny-scenes", None)
     text = (tmp_path / "run" / "model_card.md").read_text()
