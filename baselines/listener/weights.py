@@ -90,6 +90,8 @@ class LoadedWeights(NamedTuple):
 def save_weights(network: Listener, path: str | Path, calibration: Calibration | None = None) -> str:
     """Write a network's weights as float16, and their sha256 to a file beside; both atomically.
 
+    Means and variances of layers stay float32: variances of features exceed the 65,504 that float16 ends at.
+
     Args:
         network: whose weights.
         path: of the file.
@@ -108,7 +110,10 @@ def save_weights(network: Listener, path: str | Path, calibration: Calibration |
         (True, True)
     """
     path = Path(path)
-    tensors = {name: tensor.detach().cpu().half().contiguous() for name, tensor in _kept(network).items()}
+    tensors = {
+        name: (tensor.float() if _is_moment(name) else tensor.half()).detach().cpu().contiguous()
+        for name, tensor in _kept(network).items()
+    }
     said: dict[str, Any] = {"version": NETWORK_VERSION, "widths": network.settings}
     if calibration is not None:
         said["calibration"] = asdict(calibration)
@@ -206,6 +211,11 @@ def _check_shapes(path: Path, widths: Widths, found: dict[str, tuple[int, ...]])
 def _kept(network: Listener) -> dict[str, Tensor]:
     """The tensors of a file of weights: counters of batches are whole numbers that no answer depends on."""
     return {name: tensor for name, tensor in network.state_dict().items() if tensor.is_floating_point()}
+
+
+def _is_moment(name: str) -> bool:
+    """Whether a tensor is the mean or the variance of a layer's input over the batches."""
+    return name.endswith((".running_mean", ".running_var"))
 
 
 def _expected(path: Path, *, required: bool) -> str | None:

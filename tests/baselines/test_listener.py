@@ -869,6 +869,15 @@ def test_the_same_weights_are_the_same_bytes(tmp_path: Path) -> None:
     assert len({weights.save_weights(network, tmp_path / f"{number}.safetensors") for number in range(8)}) == 1
 
 
+def test_a_variance_beyond_float16_is_kept(tmp_path: Path) -> None:
+    network = Listener(SMALL)
+    with torch.no_grad():
+        network.picture_decoder.levels[0].norm.running_var.fill_(123_456.0)
+    weights.save_weights(network, tmp_path / "wide.safetensors")
+    found, _ = weights.load_listener(tmp_path / "wide.safetensors")
+    assert found.picture_decoder.levels[0].norm.running_var.max() == 123_456.0
+
+
 def test_the_packages_weights_are_those_of_its_card() -> None:
     network, digest = weights.load_listener()
     card = json.loads((weights.PACKAGED.parent / "model_card.json").read_text())
