@@ -46,7 +46,7 @@ TUNE_OPTIONS ?= --size 504 --frames 12
 STEPS ?= 4500
 PICTURE_STEPS ?= 1500
 TRAIN_LISTENER_OPTIONS ?= --validate-every 1600
-# Trained weights that each training begins with; without a file: random ones.
+# Trained weights that each training begins with, $* in the name being its seed; without a file: random ones.
 WEIGHTS ?=
 # Of the ablation with small networks, which shares the GPUs with the trainings; 0: none.
 ABLATION_MINUTES ?= $(if $(filter 0,$(GPUS)),0,13)
@@ -103,9 +103,8 @@ $(LISTENER)/train-%.done: | $(LISTENER)/kernels.done $(LISTENER)/manifests/train
 	  [ $$status -eq 1 -o $$status -eq 124 ] && ls $(SHARDS)/$*/*.tar > /dev/null; })
 	@touch $@
 
-# With what the training data leaves of the cores: at its end, when one part after another is done, they wait for nothing else.
 $(LISTENER)/tune.done: | $(LISTENER)/kernels.done
-	$(call timed,tune,$(foreach each,$(TUNE),nice -n 10 $(call pinned,tune) $(AVS3D) generate $(each) -o $(LISTENER)/tune/$(basename $(notdir $(each))) \
+	$(call timed,tune,$(foreach each,$(TUNE),$(call pinned,tune) $(AVS3D) generate $(each) -o $(LISTENER)/tune/$(basename $(notdir $(each))) \
 	  --format webdataset --audio tracer --device $(DEVICE) --workers $(call share,$(SHARE_tune)) $(TUNE_OPTIONS) &&) true)
 	@touch $@
 
