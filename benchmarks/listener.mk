@@ -89,7 +89,7 @@ all: $(LISTENER)/figures.done
 
 # Each kernel is compiled once, not by every process at once.
 $(LISTENER)/kernels.done:
-	$(call timed,kernels,$(if $(filter cuda,$(DEVICE)),$(PYTHON) -m tests.support.compile_kernels --device cuda & )$(PYTHON) -m tests.support.compile_kernels && wait)
+	$(call timed,kernels,$(if $(filter cuda,$(DEVICE)),$(PYTHON) -m tests.support.compile_kernels --device cuda & )$(PYTHON) -m tests.support.compile_kernels$(if $(filter cuda,$(DEVICE)), && wait $$!))
 	@touch $@
 
 $(LISTENER)/manifests/train-recorded.yaml:

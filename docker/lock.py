@@ -77,6 +77,7 @@ def resolve(known: str, python: str, extras: Sequence[str] | None, options: Sequ
     Returns:
         The text of a file of hashed requirements, without a head.
     """
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
     with tempfile.TemporaryDirectory() as folder:
         output, settings = Path(folder, "output.txt"), Path(folder, "uv.toml")
         output.write_text(known, encoding="utf-8")
@@ -88,15 +89,12 @@ def resolve(known: str, python: str, extras: Sequence[str] | None, options: Sequ
             command += ["--no-emit-package", name]
         if extras is None:
             build = Path(folder, "build.in")
-            requires = re.search(r"^requires = (\[.*\])$", (ROOT / "pyproject.toml").read_text("utf-8"), re.MULTILINE)
-            assert requires is not None
-            build.write_text("\n".join(re.findall(r'"([^"]+)"', requires.group(1))), encoding="utf-8")
+            build.write_text("\n".join(project["build-system"]["requires"]), encoding="utf-8")
             command.append(str(build))
         else:
             command.append(str(ROOT / "pyproject.toml"))
             if "*" in extras:
-                every = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
-                extras = [extra for extra in every if extra not in UNTESTED]
+                extras = [extra for extra in project["project"]["optional-dependencies"] if extra not in UNTESTED]
             command += [f"--extra={extra}" for extra in extras]
         subprocess.run(command, check=True)
         return output.read_text(encoding="utf-8")

@@ -23,6 +23,7 @@ from avs3d_bench.formats.files import atomic_path, write_json
 from avs3d_bench.runtime.parallel import process_each
 from baselines.listener.batches import split_homes
 from baselines.listener.checkpoint import Settings
+from baselines.listener.lite import PACKAGE
 from baselines.listener.masks import marked_where
 from baselines.listener.model import parameter_count
 from baselines.listener.steps import Result
@@ -111,6 +112,7 @@ def write_result(
             "command": " ".join(["avs3d", *sys.argv[1:]]),
             "seed": settings.seed,
             "began_with": settings.weights,
+            "encoder": settings.widths.encoder,
             "steps": settings.steps,
             "picture_steps": settings.picture_steps,
             "batch_per_device": settings.batch,
@@ -199,7 +201,7 @@ Marks what sounds in a picture, given one second of binaural sound. Categories: 
   Manifest: {manifest}. Shards: sha256 `{data["shards_sha256"]}`.
 - Recordings and models by others in the data: {credited}.
 - Command: `{training["command"]}`
-- Began with {_beginning(training.get("began_with"))}.
+- Began with {_beginning(training)}.
 - Seed {training["seed"]}, {training["steps"]:,} steps of {training["batch_per_device"]} sounds a device; the first
   {training["picture_steps"]:,} of them were of as many parts of pictures, without sound.
 - Hardware: {", ".join(training["devices"])}; {training["precision"]}; torch {training["torch"]};
@@ -221,8 +223,12 @@ others and in a real room is measured in docs/listener.md of the project, for th
 """
 
 
-def _beginning(digest: str | None) -> str:
-    return f"the weights of sha256 `{digest}`" if digest else "random weights"
+def _beginning(training: dict[str, Any]) -> str:
+    if training.get("began_with"):
+        return f"the weights of sha256 `{training['began_with']}`"
+    if training.get("encoder") == "lite0":
+        return f"random weights, but for an encoder of pictures that learnt from ImageNet ({PACKAGE}, Apache-2.0)"
+    return "random weights"
 
 
 def _credit(asset: dict[str, str]) -> str:

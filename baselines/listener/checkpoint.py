@@ -43,7 +43,7 @@ class Settings:
         seed: of weights, batches and augmentation.
         widths: size of the network.
         without: names of `augment.CHANGES` that are left out, in alphabetical order.
-        weights: sha256 of the weights that the run begins with; None: random ones.
+        weights: sha256 of the weights that the run begins with; None: random ones, and of `lite` those of ImageNet.
 
     Examples:
         >>> settings = Settings(steps=10_000, batch=64, seed=1)
@@ -130,7 +130,7 @@ def new_state(settings: Settings, device: torch.device | str = "cpu", begin: Lis
     Args:
         settings: of the run.
         device: where the network goes.
-        begin: whose weights it takes, of the settings' widths; None: random ones.
+        begin: whose weights it takes, of the settings' widths; None: see `Settings.weights`.
     """
     torch.manual_seed(settings.seed)
     network: Any = Listener(settings.widths)
@@ -140,16 +140,12 @@ def new_state(settings: Settings, device: torch.device | str = "cpu", begin: Lis
         load_imagenet(network.picture_encoder)
     network = network.to(device)
     network = network.to(memory_format=torch.channels_last)
-    groups = []
-    for learnt in (False, True):
-        here = [
-            each for name, each in network.named_parameters()
-            if learnt == (settings.widths.encoder == "lite0" and name.startswith("picture_encoder."))
-        ]  # fmt: skip
-        for decay, decays in ((settings.decay, True), (0.0, False)):
-            group = [each for each in here if (each.ndim > 1) == decays]
-            if group:
-                groups.append({"params": group, "weight_decay": decay, "share": LEARNT_SHARE if learnt else 1.0})
+    learnt = "picture_encoder." if isinstance(network.picture_encoder, LiteEncoder) else ()
+    alike: dict[tuple[float, float], list[Tensor]] = {}
+    for name, each in network.named_parameters():
+        share = LEARNT_SHARE if name.startswith(learnt) else 1.0
+        alike.setdefault((settings.decay if each.ndim > 1 else 0.0, share), []).append(each)
+    groups = [{"params": each, "weight_decay": decay, "share": share} for (decay, share), each in alike.items()]
     optimiser = torch.optim.AdamW(
         groups, lr=settings.rate, betas=(0.9, 0.99), fused=torch.device(device).type == "cuda"
     )

@@ -87,6 +87,8 @@ def listener(
     """
     if epochs is not None and steps is not None:
         raise UsageError("--epochs and --steps: expected one of them")
+    if chosen["size"] and chosen["weights"]:
+        raise UsageError("--size and --weights: the weights have a size; expected one of them")
     from baselines.listener.packages import require
 
     require("train")

@@ -19,6 +19,7 @@ from baselines.listener.batches import SOUNDS, Sampler
 from baselines.listener.calibration import calibrate
 from baselines.listener.card import RunMachine, write_result
 from baselines.listener.checkpoint import Settings
+from baselines.listener.lite import installed_weights
 from baselines.listener.model import SIZES
 from baselines.listener.shards import ShardStore
 from baselines.listener.steps import Result, Schedule
@@ -107,15 +108,15 @@ def run_job(job: TrainingOptions, precision: str, *, progress: bool = False) -> 
     torch.backends.cudnn.benchmark = True
     fabric = make_fabric(job, precision)
     fabric.launch()
-    if job.size and job.weights:
-        raise UsageError("--size and --weights: the weights have a size; expected one of them")
-    found = read_weights(job.weights) if job.weights else None
+    begun = read_weights(job.weights) if job.weights else None
     # The settings are checked before minutes are spent on reading.
     settings = Settings(
         steps=job.steps or job.picture_steps + 1, picture_steps=job.picture_steps, batch=job.batch, rate=job.rate,
-        homes=job.homes, seed=job.seed, widths=found.network.widths if found else SIZES[job.size or "full"],
-        without=tuple(sorted(set(job.without))), weights=found.digest if found else None,
+        homes=job.homes, seed=job.seed, widths=begun.network.widths if begun else SIZES[job.size or "full"],
+        without=tuple(sorted(set(job.without))), weights=begun.digest if begun else None,
     )  # fmt: skip
+    if begun is None and settings.widths.encoder == "lite0":
+        installed_weights()
     reading: dict[str, Any] = {"workers": job.workers, "progress": progress}
     store = prepare(job.data, job.cache or job.folder / CACHE, fabric, **reading)
     # Now, not after hours of training: the shards may be missing or damaged.
@@ -129,13 +130,13 @@ def run_job(job: TrainingOptions, precision: str, *, progress: bool = False) -> 
         minutes=left, stop_at=job.stop_at, validate_every=job.validate_every, compile=job.compile
     )  # fmt: skip
     with flushed():
-        begin = found.network if found else None
+        begin = begun.network if begun else None
         result = train(store, job.folder, settings, fabric=fabric, schedule=schedule, begin=begin)
-        calibrated = calibration_of(result, tuning, fabric) if result.finished else None
+        found = calibration_of(result, tuning, fabric) if result.finished else None
     if fabric.global_rank:
         return None, result.step, settings.steps
-    if calibrated is not None:
+    if found is not None:
         machine = RunMachine.of(fabric, precision)
-        write_result(job.folder, result, settings, machine, calibrated, data=job.data, manifest=job.manifest)
+        write_result(job.folder, result, settings, machine, found, data=job.data, manifest=job.manifest)
     sys.stdout.flush()
     return result.finished, result.step, settings.steps

@@ -114,7 +114,7 @@ def load_imagenet(encoder: LiteEncoder, path: str | Path | None = None) -> None:
     Raises:
         Avs3dError: if the package is not installed, or the file is another one.
     """
-    path = _packaged() if path is None else Path(path)
+    path = installed_weights() if path is None else Path(path)
     digest = media.sha256_file(path)
     if digest != WEIGHTS_SHA256:
         raise Avs3dError(f"{path}: sha256 {digest[:12]}…, expected {WEIGHTS_SHA256[:12]}…; install {PACKAGE} again")
@@ -122,7 +122,12 @@ def load_imagenet(encoder: LiteEncoder, path: str | Path | None = None) -> None:
     encoder.load_state_dict({ours: released[theirs] for ours, theirs in _names(encoder).items()})
 
 
-def _packaged() -> Path:
+def installed_weights() -> Path:
+    """The file of the installed package.
+
+    Raises:
+        Avs3dError: if it is not installed.
+    """
     found = find_spec(PACKAGE)
     if found is None or found.origin is None:
         raise Avs3dError(

