@@ -18,6 +18,7 @@ from avs3d_bench.cli import run
 from avs3d_bench.commands.outputs import OUTPUT_FOLDER, PATH
 from avs3d_bench.errors import UsageError
 from avs3d_bench.formats.files import write_json
+from avs3d_bench.runtime.freed_memory import keep_freed_memory
 
 
 @click.command()
@@ -37,6 +38,8 @@ def main(weights: Path, calibrate_on: Path, output: Path, accelerator: str, work
 
     if output.exists() and (not output.is_dir() or any(output.iterdir())):
         raise UsageError(f"{output}: not empty; expected a new or an empty folder")
+    if accelerator == "cpu":
+        keep_freed_memory()
     fabric = Fabric(accelerator=accelerator, devices=1, precision="32-true")
     fabric.launch()
     loaded = read_weights(weights, device=fabric.device)

@@ -14,6 +14,7 @@ from typing import Any
 import torch
 
 from avs3d_bench.errors import UsageError
+from avs3d_bench.runtime.freed_memory import keep_freed_memory
 from baselines.listener.augment import Bank
 from baselines.listener.batches import SOUNDS, Sampler
 from baselines.listener.calibration import calibrate
@@ -67,6 +68,8 @@ def make_fabric(job: TrainingOptions, precision: str) -> Any:
         name = "cuda" if torch.cuda.is_available() else "cpu"
     if name == "cuda" and torch.cuda.device_count() < job.devices:
         raise UsageError(f"--devices {job.devices}: found {torch.cuda.device_count()} CUDA devices; ask for fewer")
+    if name == "cpu":
+        keep_freed_memory()
     try:
         module: Any = import_module("lightning_fabric")
     except ImportError:

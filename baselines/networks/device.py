@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.runtime.freed_memory import keep_freed_memory
 
 if TYPE_CHECKING:
     import torch
@@ -15,13 +16,15 @@ if TYPE_CHECKING:
 def pick_device(name: str | None = None) -> torch.device:
     """The `torch.device` of that name; without one, the first GPU or else the CPU.
 
+    With a CPU, freed memory stays with the process from now on: see `keep_freed_memory`.
+
     Raises:
         UsageError: if there is no such device here.
     """
     import torch
 
     if name is None:
-        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+        name = "cuda" if torch.cuda.is_available() else "cpu"
     try:
         device = torch.device(name)
     except RuntimeError:
@@ -34,6 +37,8 @@ def pick_device(name: str | None = None) -> torch.device:
             raise UsageError(f"device {name!r}: no CUDA device here (torch {torch.__version__}); use --device cpu")
         if device.index is not None and device.index >= count:
             raise UsageError(f"device {name!r}: only {count} CUDA devices here, the last is cuda:{count - 1}")
+    else:
+        keep_freed_memory()
     return device
 
 
