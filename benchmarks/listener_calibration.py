@@ -3,7 +3,8 @@
     python -m benchmarks.listener_calibration WEIGHTS --calibrate-on SHARDS -o FOLDER [--accelerator cuda]
 
 FOLDER gets ``listener.safetensors`` with the same network and the new numbers, its sha256, and ``calibration.json``:
-what was chosen, and the figures by which. Decoded frames lie in ``FOLDER/calibration``, which may be deleted. A FOLDER
+what was chosen, and the figures by which. If the folder of WEIGHTS has their model card, FOLDER gets it, with these
+figures in place of its own. Decoded frames lie in ``FOLDER/calibration``, which may be deleted. A FOLDER
 that is not empty is refused.
 """
 
@@ -17,7 +18,7 @@ import click
 from avs3d_bench.cli import run
 from avs3d_bench.commands.outputs import OUTPUT_FOLDER, PATH
 from avs3d_bench.errors import UsageError
-from avs3d_bench.formats.files import write_json
+from avs3d_bench.formats.files import read_json, write_json
 from avs3d_bench.runtime.freed_memory import keep_freed_memory
 
 
@@ -33,6 +34,7 @@ def main(weights: Path, calibrate_on: Path, output: Path, accelerator: str, work
 
     from baselines.listener.augment import Bank
     from baselines.listener.calibration import calibrate
+    from baselines.listener.card import CARD_JSON, write_card
     from baselines.listener.training import CALIBRATION, prepare
     from baselines.listener.weights import read_weights, save_weights
 
@@ -46,6 +48,13 @@ def main(weights: Path, calibrate_on: Path, output: Path, accelerator: str, work
     store = prepare(calibrate_on, output / CALIBRATION, fabric, workers=workers, progress=True)
     chosen, figures = calibrate(loaded.network, store, Bank(store, fabric.device), fabric, every_home=True)
     digest = save_weights(loaded.network, output / "listener.safetensors", chosen)
+    beside = weights.parent / CARD_JSON
+    card = read_json(beside) if beside.exists() else {}
+    if card.get("weights", {}).get("sha256") == loaded.digest:
+        card["weights"]["sha256"] = digest
+        command = f"python -m benchmarks.listener_calibration {weights} --calibrate-on {calibrate_on} -o {output}"
+        card["calibration"] = {**asdict(chosen), "command": command, "figures": figures}
+        write_card(output, card)
     write_json(
         output / "calibration.json",
         {"weights": loaded.digest, "sha256": digest, "calibration": asdict(chosen), "figures": figures},

@@ -127,10 +127,15 @@ def write_result(
         "validation": result.validation,
         "calibration": {**asdict(calibration), "figures": figures},
     }
+    write_card(folder, card)
+    return card
+
+
+def write_card(folder: Path, card: dict[str, Any]) -> None:
+    """Write a card into a folder, for programs and for readers."""
     write_json(folder / CARD_JSON, card)
     with atomic_path(folder / CARD_MD) as temporary:
         temporary.write_text(markdown(card))
-    return card
 
 
 def _origin(data: Path | None, manifest: Path | None) -> dict[str, str | None]:
@@ -210,7 +215,7 @@ Marks what sounds in a picture, given one second of binaural sound. Categories: 
 - Log-odds of the mask less {warm["bias"]:g} are divided by {warm["mask"]:g}, of what is heard by {warm["audible"]:g};
   {marked_where(warm["threshold"], warm["share"])}, as a category where > {warm["category"]:g}.
   Of {warm["figures"]["pictures"]:,} frames by which this was chosen, the calibration error above .1 is
-  {warm["figures"]["error"]:.3f}, before {warm["figures"]["error_before"]:.3f}.
+  {warm["figures"]["error"]:.3f}, before {warm["figures"]["error_before"]:.3f}.{_afterwards(warm)}
 
 Validation, on homes that were not trained on:
 
@@ -221,6 +226,11 @@ Validation, on homes that were not trained on:
 Trained on generated homes and objects. It marks the seven categories alone; how it does on recordings, models by
 others and in a real room is measured in docs/listener.md of the project, for the weights of the package.
 """
+
+
+def _afterwards(calibration: dict[str, Any]) -> str:
+    command = calibration.get("command")
+    return f"\n- Calibrated after the training: `{command}`" if command else ""
 
 
 def _beginning(training: dict[str, Any]) -> str:

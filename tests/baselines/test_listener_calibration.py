@@ -73,6 +73,27 @@ def test_weights_get_new_numbers_and_keep_their_network(saved: Path, data: Path,
     assert any(chosen.items() <= rule.items() for rule in told["figures"]["by_rule"])
 
 
+def test_the_card_of_the_weights_gets_the_new_numbers(saved: Path, data: Path, tmp_path: Path) -> None:
+    package = Path(weights.__file__).with_name("weights") / "model_card.json"
+    card = json.loads(package.read_text())
+    (saved.parent / "model_card.json").write_text(json.dumps(card))
+    assert calibrated(saved, data, tmp_path / "other") == 0
+    assert not (tmp_path / "other" / "model_card.json").exists()  # the card is of other weights
+    card["weights"]["sha256"] = weights.read_weights(saved).digest
+    (saved.parent / "model_card.json").write_text(json.dumps(card))
+    output = tmp_path / "own"
+    assert calibrated(saved, data, output) == 0
+    found, told = (json.loads((output / f"{name}.json").read_text()) for name in ("model_card", "calibration"))
+    assert found["weights"]["sha256"] == told["sha256"]
+    assert found["calibration"].items() >= (told["calibration"] | {"figures": told["figures"]}).items()
+    assert {key: found[key] for key in ("data", "training", "validation")} == {
+        key: card[key] for key in ("data", "training", "validation")
+    }
+    shown = (output / "model_card.md").read_text()
+    assert told["sha256"] in shown
+    assert found["calibration"]["command"] in shown
+
+
 def test_a_folder_with_something_in_it_is_refused(saved: Path, data: Path, tmp_path: Path, capsys: Any) -> None:
     output = tmp_path / "used"
     output.mkdir()
