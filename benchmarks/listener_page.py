@@ -143,11 +143,17 @@ def category_table(found: Mapping[str, Scores]) -> list[str]:
     return ["IoU per category, and its number of observations:", "", *table(head, rows)]
 
 
+def _is_current(document: Mapping[str, Any], name: str) -> bool:
+    """Whether a row was made with the weights of the run, or with none: scores of former weights may lie beside it."""
+    made = document["rows"].get(name, {}).get("settings", {})
+    return bool(made.get("weights", document["weights"]) == document["weights"])
+
+
 def time_table(document: Mapping[str, Any], output: Path) -> list[str]:
     """Seconds and hardware of every row whose scores are there."""
     rows = []
     for name, entry in document["rows"].items():
-        if not (output / f"listener-{name}.json").exists():
+        if not (output / f"listener-{name}.json").exists() or not _is_current(document, name):
             continue
         per_frame = f"{1000 * entry['seconds'] / max(1, entry['frames']):.0f} ms"
         rows.append([name, str(entry["observations"]), str(entry["frames"]), f"{entry['seconds'] / 60:.1f}", per_frame,
@@ -156,7 +162,7 @@ def time_table(document: Mapping[str, Any], output: Path) -> list[str]:
 
 
 def dataset_page(label: str, document: Mapping[str, Any], output: Path, picture: str | None, home: str) -> str | None:
-    """All tables of one dataset as a page; None if there are no scores of it.
+    """All tables of one dataset as a page, of rows with the weights of the run; None if there are no scores of it.
 
     Args:
         label: of the dataset.
@@ -169,7 +175,10 @@ def dataset_page(label: str, document: Mapping[str, Any], output: Path, picture:
         Avs3dError: if a file is missing or broken.
     """
     files = {name: output / f"listener-{label}-{name}.json" for name in ROWS}
-    found = {name: read_record(path, Scores) for name, path in files.items() if path.exists()}
+    there = {name: path for name, path in files.items() if path.exists()}
+    found = {
+        name: read_record(path, Scores) for name, path in there.items() if _is_current(document, f"{label}-{name}")
+    }
     if not found:
         return None
     data = document["datasets"][label]
@@ -180,6 +189,8 @@ def dataset_page(label: str, document: Mapping[str, Any], output: Path, picture:
              f"`{document['weights'][:12]}…`. Written by `make docs-tables`; "
              f"[the listener]({home}) says what the rows are.", ""]  # fmt: skip
     lines += settings_lines(settings)
+    if former := [ROWS[name].title for name in there if name not in found]:
+        lines += [f"Measured with former weights alone, and left out here: {', '.join(former)}.", ""]
     for part in FIGURES:
         lines += part_table(part, found, looks=looks)
     lines += difference_table(found)

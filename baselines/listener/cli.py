@@ -41,9 +41,9 @@ def train() -> None:
 )
 @click.option(
     "--size",
-    type=click.Choice(["full", "small", "lite"]),
-    help="Of the network: two CPU cores train the small one within hours; lite begins with an encoder of pictures that "
-    "learnt from ImageNet [full].",
+    type=click.Choice(["lite", "small"]),
+    help="Of the network: lite begins with an encoder of pictures that learnt from ImageNet; two CPU cores train the "
+    "small one within hours [lite].",
 )
 @click.option("--weights", type=PATH, metavar="FILE", help="Trained weights to begin with [random ones].")
 @click.option("--minutes", type=click.FloatRange(0, min_open=True), help="Stop after this time; run again to go on.")

@@ -115,7 +115,7 @@ def run_job(job: TrainingOptions, precision: str, *, progress: bool = False) -> 
     # The settings are checked before minutes are spent on reading.
     settings = Settings(
         steps=job.steps or job.picture_steps + 1, picture_steps=job.picture_steps, batch=job.batch, rate=job.rate,
-        homes=job.homes, seed=job.seed, widths=begun.network.widths if begun else SIZES[job.size or "full"],
+        homes=job.homes, seed=job.seed, widths=begun.network.widths if begun else SIZES[job.size or "lite"],
         without=tuple(sorted(set(job.without))), weights=begun.digest if begun else None,
     )  # fmt: skip
     if begun is None and settings.widths.encoder == "lite0":

@@ -112,12 +112,11 @@ class Widths:
 
 #: Sizes by name: of the release, and one that two cores of a CPU train within hours.
 SIZES = {
-    "full": Widths(unknown=True),
+    "lite": Widths(encoder="lite0", image=LITE_CHANNELS, blocks=(0, 0, 0, 0, 0), unknown=True),
     "small": Widths(
         image=(16, 32, 80, 160, 224), blocks=(0, 2, 2, 3, 2), decoder=(96, 64, 32, 16), audio=(32, 64, 96, 128),
         attention=1, unknown=True,
     ),
-    "lite": Widths(encoder="lite0", image=LITE_CHANNELS, blocks=(0, 0, 0, 0, 0), unknown=True),
 }  # fmt: skip
 
 

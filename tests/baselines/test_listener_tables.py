@@ -140,6 +140,19 @@ def test_the_page_has_every_method_the_differences_and_the_pictures(ran: Path) -
 
 
 @pytest.mark.slow
+def test_rows_of_former_weights_are_no_part_of_the_page(ran: Path) -> None:
+    document = read_json(ran / "results" / RUN_JSON)
+    document["rows"]["scenes-no-sound"]["settings"]["weights"] = "0" * 64
+    tables = listener_page.dataset_page("scenes", document, ran / "results", None, "page.md")
+    assert tables is not None
+    title = ROWS["no-sound"].title
+    assert f"Measured with former weights alone, and left out here: {title}." in tables
+    assert f"| {title}" not in tables
+    assert f"| {ROWS['2d'].title} (several looks, n = 2) |" in tables
+    assert "scenes-no-sound" not in "".join(listener_page.time_table(document, ran / "results"))
+
+
+@pytest.mark.slow
 def test_a_control_whose_sound_the_data_lack_is_left_out(ran: Path, tmp_path: Path) -> None:
     """All observations are of one home."""
     output = run(
