@@ -55,19 +55,21 @@ SUMMARY = {
 
 
 def figures_of(folders: tuple[Path, ...]) -> dict[str, dict[str, Any]]:
-    """``DATASET-ROW`` → group → metric → {"mean", "values", "interval"}; rows of the first folder."""
+    """``DATASET-ROW`` → group → metric → {"mean", "values", "interval"}; rows that all folders have."""
     found: dict[str, dict[str, Any]] = {}
     for path in sorted(folders[0].glob("listener-*.json")):
-        if path.name == RUN_JSON:
+        if path.name == RUN_JSON or not all((folder / path.name).exists() for folder in folders):
             continue
-        rows = [row_of(read_record(folder / path.name, Scores)) for folder in folders if (folder / path.name).exists()]
+        rows = [row_of(read_record(folder / path.name, Scores)) for folder in folders]
         found[path.stem.removeprefix("listener-")] = {
             group: {metric: _over([row[group][metric] for row in rows]) for metric in metrics}
             for group, metrics in rows[0].items()
             if isinstance(metrics, dict)
         } | {"observations": [row["observations"] for row in rows]}
     for path in sorted(folders[0].glob("classes-*.json")):
-        files = [folder / path.name for folder in folders if (folder / path.name).exists()]
+        files = [folder / path.name for folder in folders]
+        if not all(file.exists() for file in files):
+            continue
         each = [one for file in files for one in read_json(file)["datasets"].values()]
         found[f"{path.stem.removeprefix('classes-')}-classes"] = {
             "classes": _plain([one["class_iou"] for one in each]),

@@ -44,8 +44,10 @@ def test_figures_of_seeds_are_a_mean_with_every_value_and_the_interval_of_the_fi
         first["parts"]["part_3"]["listen"]["pair_accuracy"] = accuracy
         write_json(tmp_path / name / "listener-listen-2d.json", first)
         first["parts"]["part_3"]["listen"]["intervals"]["pair_accuracy"] = [0.0, 0.9]
-    found = figures_of((tmp_path / "seed0", tmp_path / "seed1"))["listen-2d"]["part_3"]
-    one = found["pair_accuracy"]
+    write_json(tmp_path / "seed0" / "listener-listen-both.json", first)  # not of every seed
+    every = figures_of((tmp_path / "seed0", tmp_path / "seed1"))
+    assert list(every) == ["listen-2d"]
+    one = every["listen-2d"]["part_3"]["pair_accuracy"]
     assert (one["mean"], one["values"]) == (0.35, [0.5, 0.2])
     assert one["interval"] not in (None, [0.0, 0.9])
     assert cell(one) == ".350 (.200–.500)"
