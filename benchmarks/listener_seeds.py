@@ -11,7 +11,7 @@ docs/results/listener-seeds.json is of three seeds, listener-seeds-package.json 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from statistics import fmean
 from typing import Any
@@ -57,25 +57,30 @@ SUMMARY = {
 def figures_of(folders: tuple[Path, ...]) -> dict[str, dict[str, Any]]:
     """``DATASET-ROW`` → group → metric → {"mean", "values", "interval"}; rows that all folders have."""
     found: dict[str, dict[str, Any]] = {}
-    for path in sorted(folders[0].glob("listener-*.json")):
-        if path.name == RUN_JSON or not all((folder / path.name).exists() for folder in folders):
+    for name, files in _in_all(folders, "listener-"):
+        if files[0].name == RUN_JSON:
             continue
-        rows = [row_of(read_record(folder / path.name, Scores)) for folder in folders]
-        found[path.stem.removeprefix("listener-")] = {
+        rows = [row_of(read_record(file, Scores)) for file in files]
+        found[name] = {
             group: {metric: _over([row[group][metric] for row in rows]) for metric in metrics}
             for group, metrics in rows[0].items()
             if isinstance(metrics, dict)
         } | {"observations": [row["observations"] for row in rows]}
-    for path in sorted(folders[0].glob("classes-*.json")):
-        files = [folder / path.name for folder in folders]
-        if not all(file.exists() for file in files):
-            continue
+    for name, files in _in_all(folders, "classes-"):
         each = [one for file in files for one in read_json(file)["datasets"].values()]
-        found[f"{path.stem.removeprefix('classes-')}-classes"] = {
+        found[f"{name}-classes"] = {
             "classes": _plain([one["class_iou"] for one in each]),
             "masks": _plain([{name: one[name] for name in ("calibration_error", "average_precision")} for one in each]),
         }
     return found
+
+
+def _in_all(folders: tuple[Path, ...], prefix: str) -> Iterator[tuple[str, list[Path]]]:
+    """Of each JSON file that all folders have, what its name has after ``prefix``, and its paths."""
+    for path in sorted(folders[0].glob(f"{prefix}*.json")):
+        files = [folder / path.name for folder in folders]
+        if all(file.exists() for file in files):
+            yield path.stem.removeprefix(prefix), files
 
 
 def _plain(each: list[dict[str, float | None]]) -> dict[str, Any]:
