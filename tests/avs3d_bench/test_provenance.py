@@ -57,13 +57,14 @@ from tests.test_architecture import MODULES, edges
 ROOT = Path(__file__).parents[2]
 #: What is certain not to run for an observation with Embree and the analytic engine.
 UNUSED = {"observation": unused_backends(EngineOptions(audio="analytic"))}
-#: Modules that listed folders import and that change no result: processes, progress, locks, messages, and packages that
-#: only pass names on.
+#: Modules that listed folders import and that change no result: processes, memory, progress, locks, messages, and
+#: packages that only pass names on.
 NOT_COUNTED = {
     "avs3d_bench",
     "avs3d_bench.runtime.ahead",
     "avs3d_bench.cli",
     "avs3d_bench.runtime.file_lock",
+    "avs3d_bench.runtime.freed_memory",
     "avs3d_bench.runtime.imports",
     "avs3d_bench.runtime.one_thread",
     "avs3d_bench.commands.outputs",
