@@ -106,7 +106,7 @@ class LookedAt:
     Attributes:
         sounds: (N,) their numbers in the store.
         weights: (N,) for the mask; with the same sum over frames that show what sounds and over those that do not.
-        masks, shares: (N, looks, n, n) log-odds of the mask; (N, n, n) its truth, as shares of the cells.
+        masks, shares: (N, looks, n, n) log-odds of the mask; (N, n, n) its truth, as shares of the same cells.
         names, audible: (N, looks, categories + 1) log-odds of what is heard; (N, categories + 1) its truth.
     """
 
@@ -151,7 +151,7 @@ def calibrate(
     threshold, share = best_rule(by_rule)
     by_class = validate(network, store, bank, fabric, CHOICES, spread(views))
     category = _best([row["category_iou"] for row in by_class], Calibration().category)
-    calibration = Calibration(warm, named, threshold, category, share, bias)
+    calibration = Calibration(warm, named, threshold, category, share, bias, method.finest)
     figures = {
         "pictures": len(seen.sounds), "error_before": seen.error(1.0), "error": seen.error(warm, bias),
         "by_rule": by_rule,
@@ -177,6 +177,8 @@ def look_at(method: ListenerMethod, store: ShardStore, sounds: NDArray[np.int64]
         sounds: numbers of the frames' sounds.
     """
     table, masks, names = store.table, [], []
+    # Those of the truth: the finest look has more, which would take gigabytes.
+    cells = (store.table.side // 2,) * 2
     for start in range(0, len(sounds), BATCH):
         part = sounds[start : start + BATCH]
         views = [table.view[sound] for sound in part]
@@ -185,8 +187,7 @@ def look_at(method: ListenerMethod, store: ShardStore, sounds: NDArray[np.int64]
         with torch.inference_mode():
             found = method.every_look([store.pictures[view] for view in views], clips, cameras, "several")
         for each in found:
-            finest = max(answer.mask.shape for answer in each)
-            masks.append(np.stack([resize(answer.mask, finest, interpolation=INTER_LINEAR) for answer in each]))
+            masks.append(np.stack([resize(answer.mask, cells, interpolation=INTER_LINEAR) for answer in each]))
             names.append(log_odds(np.stack([[*answer.audible, answer.unknown] for answer in each])))
     truth = unpack(torch.from_numpy(store.masks[sounds]))
     audible = [[*(name in table.audible[sound] for name in CATEGORIES), table.others[sound]] for sound in sounds]

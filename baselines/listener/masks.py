@@ -24,7 +24,7 @@ MOST_LOGIT = 6.0
 
 @dataclass(frozen=True)
 class Answer:
-    """The network's answer for a frame, in n × n cells: 126 of one look at 252², 252 with one at 504².
+    """The network's answer for a frame, in n × n cells: half of the side of the finest look.
 
     Attributes:
         mask: (n, n) float32 logits: what sounds.

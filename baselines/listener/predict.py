@@ -1,6 +1,6 @@
 """The listener as a method: masks of frames of any size, and class ids in part_3.
 
-1. The network looks at the picture several times (`LOOKS`): reduced by area to 252² and to 504², the field of view
+1. The network looks at the picture several times (`looks_at`): resized to 504² and to 756², the field of view
    stays, and mirrored with the ears swapped. The sound goes in as it is. Its probabilities are averaged.
 2. They have cells of two pixels; their log-odds are resized to the frame bilinearly and follow the picture's edges
    after a guided filter (He, Sun, Tang, "Guided image filtering", ECCV 2010).
@@ -44,19 +44,21 @@ from baselines.listener.masks import (
     marked,
     marked_where,
 )
-from baselines.listener.shards import SIDE
+from baselines.listener.shards import LOOK_SIDES, SIDE
 from baselines.networks.device import inference, pick_device
 from baselines.sound_control import SoundControl, named, noted, sound_of
 
 #: Probability above which a pixel is marked; chosen on validation homes (docs/listener-training.md).
 THRESHOLD = 0.5
+#: By how much a picture is enlarged at most, if it is not smaller than the network's own size.
+ENLARGED = 1.5
 
 
 class Look(NamedTuple):
     """One look at a picture.
 
     Attributes:
-        side: to which the picture is reduced (pixels); a multiple of 4.
+        side: to which the picture is resized (pixels); a multiple of 4.
         mirrored: left and right swapped, and the ears.
     """
 
@@ -64,12 +66,32 @@ class Look(NamedTuple):
     mirrored: bool
 
 
-#: The looks by name; one that is larger than the picture is left out, if it is not the network's own size.
-LOOKS = {
-    "one": (Look(SIDE, False),),
-    "several": (Look(SIDE, False), Look(SIDE, True), Look(2 * SIDE, False), Look(2 * SIDE, True)),
-}
+#: How often the network looks.
 Looks = Literal["one", "several"]
+
+
+def looks_at(width: int, looks: Looks, finest: int = max(LOOK_SIDES)) -> list[Look]:
+    """The looks at a picture of some width (pixels).
+
+    Of several, these are the two largest sides that the picture allows, each also mirrored.
+
+    Args:
+        width: of the picture (pixels).
+        looks: one or several.
+        finest: largest side of several looks (pixels).
+
+    Examples:
+        >>> [[look.side for look in looks_at(width, "several")] for width in (1008, 504, 400, 252)]
+        [[504, 504, 756, 756], [504, 504, 756, 756], [252, 252, 504, 504], [252, 252]]
+        >>> looks_at(1008, "one")
+        [Look(side=252, mirrored=False)]
+    """
+    if looks == "one":
+        return [Look(SIDE, False)]
+    sides = [side for side in LOOK_SIDES if side <= min(finest, max(ENLARGED * width, SIDE))][-2:]
+    return [Look(side, mirrored) for side in sides for mirrored in (False, True)]
+
+
 #: Frames that go through the network at a time.
 BATCH = 8
 #: How masks are refined: not, or along the picture's edges.
@@ -87,7 +109,7 @@ class ListenerMethod:
         threshold, share: of `masks.marked`.
         refine: see `Refine`.
         hearing: what it hears, to see whether and how it listens.
-        looks: name of `LOOKS`.
+        looks: one or several, see `looks_at`.
         calibration: `weights.Calibration` by whose temperatures log-odds are divided; None: they stay.
     """
 
@@ -100,6 +122,11 @@ class ListenerMethod:
     looks: Looks = "several"
     calibration: Any = None
     share: float | None = None
+
+    @property
+    def finest(self) -> int:
+        """Side of the finest of several looks (pixels)."""
+        return self.calibration.finest if self.calibration else max(LOOK_SIDES)
 
     def answers(
         self, pictures: Sequence[NDArray[np.uint8]], sounds: Any, cameras: Any, *, looks: Looks | None = None
@@ -119,8 +146,7 @@ class ListenerMethod:
         self, pictures: Sequence[NDArray[np.uint8]], sounds: Any, cameras: Any, looks: Looks
     ) -> list[tuple[Answer, ...]]:
         """Of each picture the answers of several looks, see `answers`."""
-        width = pictures[0].shape[1]
-        taken = [look for look in LOOKS[looks] if look.side <= max(width, SIDE)]
+        taken = looks_at(pictures[0].shape[1], looks, self.finest)
         return list(zip(*(self.look(look, pictures, sounds, cameras) for look in taken), strict=True))
 
     def look(self, look: Look, pictures: Sequence[NDArray[np.uint8]], sounds: Any, cameras: Any) -> list[Answer]:
@@ -129,7 +155,7 @@ class ListenerMethod:
 
         from baselines.listener.model import hear
 
-        stack = torch.from_numpy(np.stack([_reduced(picture, look.side) for picture in pictures])).to(self.device)
+        stack = torch.from_numpy(np.stack([_resized(picture, look.side) for picture in pictures])).to(self.device)
         stack = stack.permute(0, 3, 1, 2).float() / 255
         clips, views = torch.as_tensor(sounds).to(self.device), torch.as_tensor(cameras).to(self.device)
         if look.mirrored:
@@ -215,7 +241,8 @@ class ListenerMethod:
     def notes(self) -> str:
         """The settings, for submission.json."""
         edges = {"none": "no refinement", "edges": "guided filter at edges"}
-        looks = {"one": "one look at 252²", "several": "looks at 252² and 504², also mirrored"}[self.looks]
+        coarse, fine = [side for side in LOOK_SIDES if side <= self.finest][-2:]
+        looks = {"one": "one look at 252²", "several": f"looks at {coarse}² and {fine}², also mirrored"}[self.looks]
         said = self.calibration
         warm = (
             f"; log-odds of masks less {said.bias:g} divided by {said.mask:g}, of names by {said.audible:g}"
@@ -230,11 +257,12 @@ class ListenerMethod:
         )
 
 
-def _reduced(picture: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
+def _resized(picture: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
     """A picture as a square of some side; its field of view stays."""
     if picture.shape[:2] == (side, side):
         return picture
-    return np.asarray(cv2.resize(picture, (side, side), interpolation=cv2.INTER_AREA), np.uint8)
+    how = cv2.INTER_AREA if side < picture.shape[1] else cv2.INTER_CUBIC
+    return np.asarray(cv2.resize(picture, (side, side), interpolation=how), np.uint8)
 
 
 def write_soft_mask(folder: Path, frame: Frame, odds: NDArray[np.float32]) -> None:
@@ -307,7 +335,7 @@ def load_method(
         threshold: probability above which a pixel is marked; None: the rule of the weights, else `THRESHOLD`.
         refine: see `Refine`.
         hearing: what it hears.
-        looks: name of `LOOKS`.
+        looks: one or several, see `looks_at`.
         calibrated: take the temperatures and the rule that the weights name, if they do.
 
     Raises:

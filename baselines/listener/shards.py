@@ -39,6 +39,8 @@ from avs3d_bench.runtime.parallel import advance, process_each
 #: are sharp (pixels).
 SIDE = 252
 FINE = 2 * SIDE
+#: Sides to which pictures are resized when the trained network looks at them (pixels).
+LOOK_SIDES = (SIDE, FINE, 3 * SIDE)
 #: Changes when the stored arrays do: folders of other versions are written again.
 VERSION = 3
 TABLE = "table.json"

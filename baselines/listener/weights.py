@@ -17,6 +17,7 @@ from avs3d_bench.formats import media
 from avs3d_bench.formats.files import atomic_path
 from avs3d_bench.text.printable import printable
 from baselines.listener.model import Listener, Widths
+from baselines.listener.shards import LOOK_SIDES
 
 #: Changes when the network's layers, its features or its direction map do.
 NETWORK_VERSION = 3
@@ -42,6 +43,8 @@ class Calibration:
             before this field: marked is every pixel above the threshold.
         bias: of the log-odds of the mask (J. Platt, "Probabilistic outputs for support vector machines", 1999); files
             before this field have none.
+        finest: side of the finest of several looks (pixels) with which these were chosen (`predict.looks_at`); in files
+            before this field 504.
     """
 
     mask: float = 1.0
@@ -50,13 +53,14 @@ class Calibration:
     category: float = 0.2
     share: float | None = None
     bias: float = 0.0
+    finest: int = 504
 
     def checked(self) -> Calibration:
         """The same; for numbers that a file names.
 
         Raises:
-            ValueError: if a temperature is not between .05 and 20, a threshold or share not between 0 and 1, or a bias
-                beyond 20.
+            ValueError: if a temperature is not between .05 and 20, a threshold or share not between 0 and 1, a bias
+                beyond 20, or the finest look not one of `shards.LOOK_SIDES`.
         """
         given = {name: number for name, number in asdict(self).items() if (name, number) != ("share", None)}
         for name, number in given.items():
@@ -65,11 +69,13 @@ class Calibration:
         for name in ("mask", "audible"):
             if not 0.05 <= getattr(self, name) <= 20:
                 raise ValueError(f"{name}: expected a temperature between 0.05 and 20")
-        for name in given.keys() - {"mask", "audible", "bias"}:
+        for name in given.keys() - {"mask", "audible", "bias", "finest"}:
             if not 0 < given[name] < 1:
                 raise ValueError(f"{name}: expected a probability between 0 and 1")
         if not -20 <= self.bias <= 20:
             raise ValueError("bias: expected log-odds between -20 and 20")
+        if self.finest not in LOOK_SIDES:
+            raise ValueError(f"finest: expected one of {', '.join(map(str, LOOK_SIDES))}")
         return self
 
 

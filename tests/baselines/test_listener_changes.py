@@ -219,7 +219,7 @@ def test_the_first_of_the_best_thresholds_of_a_category_is_taken_and_the_usual_o
 
 
 def test_weights_keep_their_calibration_and_older_ones_have_none(tmp_path: Path) -> None:
-    said = Calibration(1.7, 2.5, 0.4, 0.3, 0.6, 1.5)
+    said = Calibration(1.7, 2.5, 0.4, 0.3, 0.6, 1.5, 756)
     save_weights(Listener(replace(SMALL, unknown=True)), tmp_path / "new.safetensors", said)
     found = read_weights(tmp_path / "new.safetensors")
     assert (found.calibration, found.network.widths.unknown) == (said, True)

@@ -138,12 +138,15 @@ def test_without_a_share_each_pixel_above_the_threshold_is_marked() -> None:
     assert masks.marked(odds, 0.5, None).sum() == 200
 
 
-def test_old_weights_keep_their_rule_and_new_ones_bring_theirs(tmp_path: Path) -> None:
-    old, new = weights.Calibration(threshold=0.7), weights.Calibration(threshold=0.4, share=0.6)
-    for calibration, rule in ((old, (0.7, None)), (new, (0.4, 0.6)), (None, (0.5, None))):
+def test_old_weights_keep_their_rule_and_looks_and_new_ones_bring_theirs(tmp_path: Path) -> None:
+    old, new = weights.Calibration(threshold=0.7), weights.Calibration(threshold=0.4, share=0.6, finest=756)
+    for calibration, rule in ((old, (0.7, None, 504)), (new, (0.4, 0.6, 756)), (None, (0.5, None, 756))):
         weights.save_weights(Listener(tiny_listener.SMALL), tmp_path / "file.safetensors", calibration)
         method = predict.load_method(tmp_path / "file.safetensors", device="cpu")
-        assert (method.threshold, method.share) == rule
+        assert (method.threshold, method.share, method.finest) == rule
+        sides = [look.side for look in predict.looks_at(1008, "several", method.finest)]
+        assert sides == [method.finest - 252] * 2 + [method.finest] * 2
+        assert f"looks at {method.finest - 252}² and {method.finest}²" in method.notes
     method = predict.load_method(tmp_path / "file.safetensors", device="cpu", threshold=0.2)
     assert (method.threshold, method.share) == (0.2, None)
 
@@ -293,10 +296,11 @@ def test_several_looks_answer_a_mirrored_scene_with_the_mirrored_mask(saved: Pat
 def test_several_looks_are_the_mean_of_their_probabilities_in_the_finest_cells(saved: Path) -> None:
     model = predict.load_method(saved, device="cpu")
     assert looked_at(model, 504, False, "one").mask.shape == (126, 126)
-    assert looked_at(model, 503, False, "several").mask.shape == (126, 126)  # no look is larger than the picture
+    # A picture is enlarged by half at most, unless it is smaller than the network's own size.
+    for size, cells in ((64, 126), (335, 126), (336, 252), (503, 252), (504, 378)):
+        assert looked_at(model, size, False, "several").mask.shape == (cells, cells)
     found = looked_at(model, 504, False, "several")
-    assert found.mask.shape == (252, 252)
-    assert found.classes.shape == (8, 252, 252)
+    assert found.classes.shape == (8, 378, 378)
     np.testing.assert_allclose(found.classes.sum(axis=0), 1, atol=1e-4)
     flat = [Answer(np.full((n, n), masks.logit(p), np.float32), np.full((8, n, n), p, np.float32),
                    np.full(7, p, np.float32)) for n, p in ((2, 0.2), (4, 0.6))]  # fmt: skip
