@@ -30,6 +30,7 @@ from generators.assets.sounds.devices.coffee_machine_parts import (
     unrest,
 )
 from generators.assets.sounds.devices.coffee_machine_small import geared_conical_grinder, pod_air_pump
+from generators.assets.sounds.devices.coffee_machine_spinning import centrifugal_pod
 from generators.assets.sounds.devices.coffee_machine_steam import instant_whipper, steam_espresso
 from generators.assets.sounds.signals import Array, band_noise, harmonics, phase_of, time_axis
 from generators.assets.sounds.voice import Voice
@@ -505,5 +506,12 @@ VOICES: tuple[Voice, ...] = (
         "whipper in a bowl",
         "A. E. Fitzgerald, C. Kingsley, S. D. Umans, Electric Machinery (6th ed. 2003), on direct-current motors; "
         "van den Doel 2005",
+    ),
+    _voice(
+        centrifugal_pod,
+        "train",
+        "capsule spun by a brushless motor",
+        "Nestec, US patent 8 813 634 (brewing centrifugal force); rotating unbalance: J. P. Den Hartog, Mechanical "
+        "Vibrations (4th ed. 1956), chapter 2",
     ),
 )

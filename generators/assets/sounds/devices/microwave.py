@@ -9,6 +9,7 @@ import numpy as np
 from numpy.random import Generator
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
+from generators.assets.sounds.devices.microwave_built_in import crossflow_built_in, drawer_oven, inverter_defrost
 from generators.assets.sounds.devices.microwave_food import commercial_twin, inverter_quiet, popcorn, timer_bell
 from generators.assets.sounds.devices.microwave_heaters import heavy_stirrer, quartz_grill
 from generators.assets.sounds.devices.microwave_parts import (
@@ -307,4 +308,29 @@ VOICES: tuple[Voice, ...] = (
     Voice(_M, "commercial_twin", "test", "two supplies and blowers", _TRANSFORMERS, commercial_twin),
     Voice(_M, "quartz_grill", "train", "heaters in quartz tubes", _COILS, quartz_grill),
     Voice(_M, "heavy_stirrer", "train", "mains transformer and stirrer on a belt", _TRANSFORMERS, heavy_stirrer),
+    Voice(
+        _M,
+        "crossflow_built_in",
+        "train",
+        "mains transformer and cross-flow fan",
+        "Y. Cho and Y. J. Moon, Discrete noise prediction of variable pitch cross-flow fans, J. Fluids Eng. 125 (2003)",
+        crossflow_built_in,
+    ),
+    Voice(
+        _M,
+        "inverter_defrost",
+        "train",
+        "inverter in pulses and phase-controlled fan",
+        "Panasonic service manual NN-H264; phase control: A. E. Fitzgerald, C. Kingsley, S. D. Umans, Electric "
+        "Machinery (6th ed. 2003)",
+        inverter_defrost,
+    ),
+    Voice(
+        _M,
+        "drawer_oven",
+        "train",
+        "mains transformer in a motor-driven drawer",
+        f"{_TRANSFORMERS}; J. D. Smith, Gear Noise and Vibration (2nd ed. 2003)",
+        drawer_oven,
+    ),
 )

@@ -9,6 +9,7 @@ from __future__ import annotations
 from generators.assets.sounds.devices import telephone_bells as bells
 from generators.assets.sounds.devices import telephone_mobile as mobile
 from generators.assets.sounds.devices import telephone_tones as tones
+from generators.assets.sounds.devices import telephone_vibration as vibration
 from generators.assets.sounds.voice import Voice
 
 _BELL = "polarised ringer with gongs"
@@ -95,5 +96,14 @@ VOICES: tuple[Voice, ...] = (
     ),
     Voice(
         "telephone", "sampled_bell", "train", "recorded bell through a small loudspeaker", _SHELL, bells.sampled_bell
+    ),
+    Voice(
+        "telephone",
+        "smartphone_on_stone",
+        "train",
+        "linear resonant actuator that makes the telephone chatter on a hard table",
+        "Precision Microdrives AB-020 (linear resonant actuators); P. J. Holmes, The dynamics of repeated impacts with "
+        "a sinusoidally vibrating table, Journal of Sound and Vibration 84 (1982) 173–189",
+        vibration.smartphone_on_stone,
     ),
 )

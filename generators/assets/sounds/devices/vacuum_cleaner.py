@@ -13,6 +13,7 @@ from generators.assets.sounds.devices.vacuum_cleaner_battery import car_plug_in,
 from generators.assets.sounds.devices.vacuum_cleaner_canisters import bagless_canister, straight_through
 from generators.assets.sounds.devices.vacuum_cleaner_parts import (
     Habit,
+    brush_roll,
     debris,
     hose,
     housing,
@@ -24,6 +25,13 @@ from generators.assets.sounds.devices.vacuum_cleaner_parts import (
 )
 from generators.assets.sounds.devices.vacuum_cleaner_pipes import central, stretch_hose, wet_dry
 from generators.assets.sounds.devices.vacuum_cleaner_quiet import backpack, corded_handheld, quiet_canister
+from generators.assets.sounds.devices.vacuum_cleaner_rolls import (
+    carpet_extractor,
+    low_power_canister,
+    robot_mapping,
+    stick_brushed,
+    upright_bagged,
+)
 from generators.assets.sounds.fans import (
     GRID,
     Signal,
@@ -147,16 +155,6 @@ def bagged_dimmed(count: int, rng: Generator) -> Array:
     )
 
 
-def _brush_roll(count: int, rng: Generator, spin: Array, strips: int, peak: float) -> tuple[Signal, Signal]:
-    """A brush roll on the floor: (noise of the bristles in bursts, knocks of the roll, belt and bearings)."""
-    turns = turns_of(spin, count, rng.random())
-    beat = rotor(turns, {1: 0.5, strips: 1.0, 2 * strips: 0.4}, rng, 120.0, 0.3, 0.15)
-    bristles = noise(count, rng, turbulence(rng, peak, 5.0, 5.0, 2.5)) * np.clip(1.0 + 0.55 * beat, 0.1, 4.0)
-    orders = {order: rng.uniform(0.2, 1.0) / order**0.6 for order in range(1, 16)}
-    orders[strips] = 1.2
-    return bristles, rotor(turns, orders, rng, 120.0, 0.3, 0.2)
-
-
 def upright_carpet(count: int, rng: Generator) -> Array:
     """An upright on carpet: dirty-air fan of few blades, a belt, and a beater bar that drums on the pile.
 
@@ -169,7 +167,7 @@ def upright_carpet(count: int, rng: Generator) -> Array:
     shaft = rng.uniform(200.0, 265.0) * take.speed
     motor = universal_motor(count, rng, shaft, int(rng.integers(4, 7)), rng.uniform(0.5, 1.0), rng.uniform(-4.0, 3.0))
     slip = 1.0 - 0.03 * take.contact * np.abs(take.push) + slow(count, rng, 3.0, 0.004)
-    bristles, knocks = _brush_roll(count, rng, shaft * slip / rng.uniform(3.5, 5.0), 2, rng.uniform(250.0, 500.0))
+    bristles, knocks = brush_roll(count, rng, shaft * slip / rng.uniform(3.5, 5.0), 2, rng.uniform(250.0, 500.0))
     cooling = int(rng.integers(9, 13))
     sing = rotor(turns_of(shaft, count), {cooling: 1.0, 2 * cooling: 0.5, 3 * cooling: 0.2}, rng, 270.0, 0.2, 0.1)
     air = noise(count, rng, turbulence(rng, rng.uniform(220.0, 420.0), rng.uniform(3.5, 5.0)))
@@ -226,7 +224,7 @@ def upright_cyclone(count: int, rng: Generator) -> Array:
     motor = radiated(motor, slopes([(500.0, 0.0), (1000.0, 0.0), (16_000.0, -22.0)]))
     rolling = spells(count, rng, (6.0, 20.0), (10.0, 40.0), 0.7) * np.minimum(take.speed, 1.0)
     spin = np.maximum(rng.uniform(62.0, 85.0) * rolling * (1.0 - 0.04 * take.contact * np.abs(take.push)), 0.3)
-    bristles, knocks = _brush_roll(count, rng, spin, 4, rng.uniform(900.0, 1800.0))
+    bristles, knocks = brush_roll(count, rng, spin, 4, rng.uniform(900.0, 1800.0))
     swirl = turns_of(
         np.maximum(rng.uniform(300.0, 700.0) * take.flow * (1.0 + slow(count, rng, 30.0, 0.05)), 1.0), count
     )
@@ -293,4 +291,9 @@ VOICES: tuple[Voice, ...] = (
     Voice(_C, "quiet_canister", "train", "air at a nozzle, lined motor", _SUCTION_UNITS, quiet_canister),
     Voice(_C, "backpack", "train", "two-stage fan in foam", _SUCTION_UNITS, backpack),
     Voice(_C, "corded_handheld", "train", "universal motor with working fan", _HANDHELDS, corded_handheld),
+    Voice(_C, "stick_brushed", "train", "direct-current motor, roll with its own", _COGGING, stick_brushed),
+    Voice(_C, "upright_bagged", "train", "bypass motor with brush roll", _UPRIGHTS, upright_bagged),
+    Voice(_C, "robot_mapping", "train", "fan, two rubber rolls and gears", _GEARS, robot_mapping),
+    Voice(_C, "low_power_canister", "train", "large impeller, chopped current", _SUCTION_UNITS, low_power_canister),
+    Voice(_C, "carpet_extractor", "train", "bypass motor, spray pump, wet nozzle", _SUCTION_UNITS, carpet_extractor),
 )

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
-from avs3d_bench.contract.layout import SAMPLE_RATE
 from generators.assets.sounds.devices.vacuum_cleaner_parts import (
     Habit,
     debris,
     housing,
+    journey,
     scraping,
     surroundings,
     switch,
@@ -144,30 +143,6 @@ def hand_brushed(count: int, rng: Generator) -> Array:
     )
 
 
-def _journey(count: int, rng: Generator) -> tuple[Array, Array, NDArray[np.int64]]:
-    """A robot's drive: (speed of the left wheel, of the right one, samples of bumps); speeds re full, slow curves."""
-    times, left, right, bumps, now = [0.0], [1.0], [1.0], [], -rng.uniform(0.0, 6.0)
-    while now < count / SAMPLE_RATE:
-        go = rng.uniform(2.0, 12.0)
-        turn = rng.uniform(0.6, 2.4)
-        spin = rng.choice([-1.0, 1.0]) * rng.uniform(0.35, 0.6)
-        bumps.append(now + go)
-        for seconds, a, b in (
-            (go, 1.0, rng.uniform(0.92, 1.0)),
-            (0.3, 0.0, 0.0),
-            (0.7, -0.6, -0.6),
-            (turn, spin, -spin),
-        ):
-            times += [now + 0.12, now + seconds]
-            left += [a, a]
-            right += [b, b]
-            now += seconds
-    at = np.arange(frames(count)) / CONTROL_RATE
-    order = np.maximum.accumulate(times)
-    strikes = (np.array(bumps) * SAMPLE_RATE).astype(np.int64)
-    return np.interp(at, order, left), np.interp(at, order, right), strikes
-
-
 def robot(count: int, rng: Generator) -> Array:
     """A robot that drives, bumps, backs and turns: a small fan, two gear motors, a flicking side brush, a roll.
 
@@ -176,7 +151,7 @@ def robot(count: int, rng: Generator) -> Array:
     each arm flicks the floor; the roll of 2 to 4 rows turns 12 to 20 times a second. The fan of 7 to 11 blades turns
     180 to 300 times a second and speeds up on carpet. Units: all of these; rooms with rugs, joints, bumpers.
     """
-    left, right, bumps = _journey(count, rng)
+    left, right, bumps = journey(count, rng)
     rug = spells(count, rng, (8.0, 40.0), (4.0, 25.0), 0.6)
     boost = approach(count, [(1e3, 1.0)], 1.0, 0.5, 0.5) * (1.0 + rng.uniform(0.1, 0.3) * rug)
     top = rng.uniform(180.0, 300.0)

@@ -17,6 +17,7 @@ from generators.assets.sounds.fans import (
     cosine,
     decibels,
     expand,
+    frames,
     impacts,
     modes,
     noise,
@@ -26,6 +27,7 @@ from generators.assets.sounds.fans import (
     slow,
     spells,
     struck,
+    turbulence,
     turns_of,
 )
 from generators.assets.sounds.signals import Array
@@ -200,3 +202,40 @@ def switch(count: int, rng: Generator, at: NDArray[np.int64], force: float) -> S
     """The click of the switch whenever the motor is started or stopped."""
     body = slopes([(300.0, -6.0), (1800.0, 0.0), (5000.0, -4.0), (12_000.0, -16.0)]) + ripple(rng, 4.0)
     return struck(count, rng, at, force * rng.uniform(0.6, 1.2, len(at)), body, 0.03)
+
+
+def brush_roll(count: int, rng: Generator, spin: Array, strips: int, peak: float) -> tuple[Signal, Signal]:
+    """A brush roll on the floor: (noise of the bristles in bursts, knocks of the roll, belt and bearings)."""
+    turns = turns_of(spin, count, rng.random())
+    beat = rotor(turns, {1: 0.5, strips: 1.0, 2 * strips: 0.4}, rng, 120.0, 0.3, 0.15)
+    bristles = noise(count, rng, turbulence(rng, peak, 5.0, 5.0, 2.5)) * np.clip(1.0 + 0.55 * beat, 0.1, 4.0)
+    orders = {order: rng.uniform(0.2, 1.0) / order**0.6 for order in range(1, 16)}
+    orders[strips] = 1.2
+    return bristles, rotor(turns, orders, rng, 120.0, 0.3, 0.2)
+
+
+def journey(count: int, rng: Generator, go: Range = (2.0, 12.0)) -> tuple[Array, Array, NDArray[np.int64]]:
+    """A robot's drive: (speed of the left wheel, of the right one, samples of bumps); speeds re full, slow curves.
+
+    ``go`` are the seconds (least, most) from one bump to the next turn.
+    """
+    times, left, right, bumps, now = [0.0], [1.0], [1.0], [], -rng.uniform(0.0, 6.0)
+    while now < count / SAMPLE_RATE:
+        straight = rng.uniform(*go)
+        turn = rng.uniform(0.6, 2.4)
+        spin = rng.choice([-1.0, 1.0]) * rng.uniform(0.35, 0.6)
+        bumps.append(now + straight)
+        for seconds, a, b in (
+            (straight, 1.0, rng.uniform(0.92, 1.0)),
+            (0.3, 0.0, 0.0),
+            (0.7, -0.6, -0.6),
+            (turn, spin, -spin),
+        ):
+            times += [now + 0.12, now + seconds]
+            left += [a, a]
+            right += [b, b]
+            now += seconds
+    at = np.arange(frames(count)) / CONTROL_RATE
+    order = np.maximum.accumulate(times)
+    strikes = (np.array(bumps) * SAMPLE_RATE).astype(np.int64)
+    return np.interp(at, order, left), np.interp(at, order, right), strikes
