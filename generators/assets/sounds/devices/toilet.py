@@ -13,6 +13,19 @@ import numpy as np
 from numpy.random import Generator
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
+from generators.assets.sounds.devices import toilet_siphons as siphons
+from generators.assets.sounds.devices.toilet_parts import (
+    PLUME,
+    QUIET_VALVE,
+    RESIDUE,
+    RIM,
+    SUCTION,
+    VALVE,
+    cistern_flow,
+    drop_seat,
+    filling_resonance,
+    valve_flow,
+)
 from generators.assets.sounds.signals import Array, band_noise, drift, harmonics, phase_of
 from generators.assets.sounds.voice import Voice
 from generators.assets.sounds.water import (
@@ -31,55 +44,6 @@ from generators.assets.sounds.water import (
     spectrum,
     whistle,
 )
-
-#: Water that falls into a pan: a plume of bubbles, broad, with a slope of −4 to −6 dB per octave above 4 kHz.
-_PLUME: Spectrum = {63: -24, 125: -14, 250: -5, 500: -3, 1000: -3, 2000: -4, 4000: -6, 8000: -10, 16_000: -22}
-#: Thin sheets and jets under the rim.
-_RIM: Spectrum = {63: -40, 250: -20, 500: -11, 1000: -5, 2000: -1, 4000: 0, 8000: -4, 16_000: -17}
-#: A trap that draws air.
-_SUCTION: Spectrum = {63: -17, 125: -5, 250: 0, 500: -3, 1000: -8, 2000: -12, 4000: -16, 8000: -22, 16_000: -36}
-#: A throttling valve at mains pressure: cavitation (IEC 60534-8-4), radiated by the pipe and the cistern.
-_VALVE: Spectrum = {63: -34, 125: -26, 250: -17, 500: -10, 1000: -6, 2000: -2, 4000: 0, 8000: -4, 16_000: -16}
-#: A valve behind a diaphragm and a filter: slow flow, little cavitation.
-_QUIET_VALVE: Spectrum = {63: -30, 125: -18, 250: -8, 500: -1, 1000: 0, 2000: -4, 4000: -8, 8000: -14, 16_000: -28}
-#: The room and the pipes when nothing runs.
-_RESIDUE: Spectrum = {63: -11, 125: -6, 250: -3, 500: -2, 1000: -2, 2000: -4, 4000: -7, 8000: -12, 16_000: -24}
-
-
-def _head(start: float, length: float, rise: float = 0.25) -> list[tuple[float, float]]:
-    """Flow out of a cistern: it falls linearly as the head is spent (Torricelli), noise with its power 1.5."""
-    shares = np.array([0.0, 0.25, 0.5, 0.75, 0.92, 1.0])
-    levels = np.maximum(1.0 - 0.8 * shares, 0.0) ** 1.5
-    corners = [(start, 0.0), (start + 0.35 * rise, 0.55)]
-    corners += [(start + rise + s * (length - rise), float(v)) for s, v in zip(shares, levels, strict=True)]
-    return [*corners, (start + length + 0.5, 0.02), (start + length + 2.5, 0.0)]
-
-
-def _refill(start: float, length: float, level: float, closing: float) -> list[tuple[float, float]]:
-    """A fill valve that opens with the falling float and closes over the last ``closing`` seconds."""
-    end = start + length
-    return [
-        (start, 0.0),
-        (start + 0.5, level),
-        (end - closing, 0.92 * level),
-        (end - 0.4 * closing, 0.6 * level),
-        (end - 0.08 * closing, 0.3 * level),
-        (end, 0.0),
-    ]
-
-
-def _seat(take: Take, moment: float, level: float) -> None:
-    """A seat or lid that falls and bounces once."""
-    rng = take.rng
-    take.at(moment, level, knock(rng, 110, 1500, rng.uniform(0.1, 0.25), 9))
-    take.at(moment + rng.uniform(0.07, 0.16), 0.35 * level, knock(rng, 130, 1800, 0.12, 8))
-
-
-def _filling(take: Take, low: float, high: float, spans: list[tuple[float, float]]) -> Array:
-    """(frames,) resonance (Hz) of the air in a vessel that fills (P. A. Cabe, J. B. Pittenger 2000)."""
-    corners = [(m, v) for begin, end in spans for m, v in ((begin, low), (end, high), (end + 0.5, low))]
-    moments, values = np.array(corners or [(0.0, low)]).T
-    return np.asarray(np.interp(take.line.times, moments, values))
 
 
 def washdown_close_coupled(count: int, rng: Generator) -> Array:
@@ -100,9 +64,9 @@ def washdown_close_coupled(count: int, rng: Generator) -> Array:
         end = now + 0.8 + fill
         take.at(now - 0.12, 0.9, knock(rng, lever, 5200, 0.06))
         take.at(now + rng.uniform(0.25, 0.45), 0.7, knock(rng, lever, 4200, 0.05))
-        take.line.add("flush", *_head(now, length))
+        take.line.add("flush", *cistern_flow(now, length))
         take.line.add("draught", (now + length - 1.3, 0.0), (now + length - 0.5, 0.7), (now + length + 0.3, 0.0))
-        take.line.add("fill", *_refill(now + 0.8, fill, rng.uniform(0.13, 0.2), rng.uniform(4.0, 8.0)))
+        take.line.add("fill", *valve_flow(now + 0.8, fill, rng.uniform(0.13, 0.2), rng.uniform(4.0, 8.0)))
         take.line.add("rim", (now, 0.0), (now + 0.4, 1.0), (now + length, 0.3), (now + length + 5.0, 0.0))
         take.at(now + length - 0.1, 0.5, knock(rng, 90, 900, 0.12))
         size = int(rng.uniform(4.0, 7.0) * SAMPLE_RATE)
@@ -110,16 +74,16 @@ def washdown_close_coupled(count: int, rng: Generator) -> Array:
         song = whistle(rng, pitch * (1 + 0.5 * bend**2), sings * np.sin(np.pi * bend) ** 0.7 * (0.3 + bend))
         take.at(end - size / SAMPLE_RATE, 1.0, song)
         if rng.random() < 0.35:
-            _seat(take, now - rng.uniform(0.8, 1.6), rng.uniform(0.8, 2.0))
+            drop_seat(take, now - rng.uniform(0.8, 1.6), rng.uniform(0.8, 2.0))
         spans.append((now + 0.8, end))
         now = end + rng.uniform(1.0, 6.0)
-    power = take.power("flush", spectrum(_PLUME, rng), 3.0, 12.0)
-    power += 0.25 * take.power("rim", spectrum(_RIM, rng), 1.5)
-    power += take.power("draught", spectrum(_SUCTION, rng), 4.0, 16.0)
-    power += take.power("fill", spectrum(_VALVE, rng), 2.0, 8.0) * moving_peak(
-        _filling(take, 260, 620, spans), 3.0, 5.0
+    power = take.power("flush", spectrum(PLUME, rng), 3.0, 12.0)
+    power += 0.25 * take.power("rim", spectrum(RIM, rng), 1.5)
+    power += take.power("draught", spectrum(SUCTION, rng), 4.0, 16.0)
+    power += take.power("fill", spectrum(VALVE, rng), 2.0, 8.0) * moving_peak(
+        filling_resonance(take, 260, 620, spans), 3.0, 5.0
     )
-    power += take.power("-", spectrum(_RESIDUE, rng), 1.0, least=0.075)
+    power += take.power("-", spectrum(RESIDUE, rng), 1.0, least=0.075)
     water = 0.5 * take.bubbles("rim", 90, (0.8, 5.0), 3.0) + 0.25 * take.bubbles("fill", 200, (0.7, 4.0))
     water += 1.8 * take.splashes("flush", 60, 0.3) + 0.5 * take.splashes("fill", 120)
     return take.heard(power, water)
@@ -146,21 +110,23 @@ def siphonic_gulp(count: int, rng: Generator) -> Array:
         number = int(rng.integers(4, 10))
         take.at(over - 0.5, rng.uniform(1.6, 2.6), gulps(rng, number, trap, rate, rng.uniform(0.3, 0.8)))
         take.line.add("slurp", (over - 0.6, 0.0), (over - 0.2, 0.9), (over + 0.4, 0.5), (over + number / rate, 0.0))
-        take.line.add("fill", *_refill(over - 1.0, end - over + 1.0, rng.uniform(0.11, 0.18), rng.uniform(0.8, 2.0)))
+        take.line.add("fill", *valve_flow(over - 1.0, end - over + 1.0, rng.uniform(0.11, 0.18), rng.uniform(0.8, 2.0)))
         take.at(over - rng.uniform(0.5, 1.2), 0.6, knock(rng, 120, 800, 0.1))
         if rng.random() < 0.3:
-            _seat(take, now - rng.uniform(0.7, 1.4), rng.uniform(0.8, 1.8))
+            drop_seat(take, now - rng.uniform(0.7, 1.4), rng.uniform(0.8, 1.8))
         pans.append((now, full))
         tanks.append((over, end))
         now = end + rng.uniform(0.8, 6.0)
-    power = take.power("rush", spectrum(_PLUME, rng), 2.5, 10.0) * moving_peak(_filling(take, 180, 480, pans), 3.0, 7.0)
-    power += take.power("suck", spectrum(_SUCTION, rng), 3.0, 14.0)
-    throat = trap * 4.0 * np.exp(frame_drift(len(take.line.times), rng, 6.0, 0.25))
-    power += 0.3 * take.power("slurp", spectrum(_PLUME, rng), 5.0, 22.0) * moving_peak(throat, 2.0, 10.0)
-    power += take.power("fill", spectrum(_VALVE, rng, 1.5), 1.8, 8.0) * moving_peak(
-        _filling(take, 220, 450, tanks), 2.0, 4.0
+    power = take.power("rush", spectrum(PLUME, rng), 2.5, 10.0) * moving_peak(
+        filling_resonance(take, 180, 480, pans), 3.0, 7.0
     )
-    power += take.power("-", spectrum(_RESIDUE, rng), 1.0, least=0.06)
+    power += take.power("suck", spectrum(SUCTION, rng), 3.0, 14.0)
+    throat = trap * 4.0 * np.exp(frame_drift(len(take.line.times), rng, 6.0, 0.25))
+    power += 0.3 * take.power("slurp", spectrum(PLUME, rng), 5.0, 22.0) * moving_peak(throat, 2.0, 10.0)
+    power += take.power("fill", spectrum(VALVE, rng, 1.5), 1.8, 8.0) * moving_peak(
+        filling_resonance(take, 220, 450, tanks), 2.0, 4.0
+    )
+    power += take.power("-", spectrum(RESIDUE, rng), 1.0, least=0.06)
     water = 0.7 * take.bubbles("rush", 110, (1.2, 8.0), 1.0) + 0.4 * take.bubbles("fill", 220, (1.0, 6.0))
     water += 1.2 * take.splashes("rush", 30) + 1.4 * take.splashes("slurp", 30)
     return take.heard(power, water)
@@ -204,11 +170,11 @@ def flushometer_diaphragm(count: int, rng: Generator) -> Array:
         )
         ends.append((now + own - close, now + own))
         now += own + rng.uniform(4.0, 11.0)
-    note = _filling(take, 1500.0, 4200.0, ends)
-    power = 0.5 * take.power("jet", spectrum(_VALVE, rng, 1.5, 2.5, 3), 1.2, 14.0)
-    power += 0.7 * take.power("pan", spectrum(_PLUME, rng, 0.8, 2.0, 3), 3.0, 14.0)
-    power += 0.12 * take.power("squeeze", spectrum(_VALVE, rng), 2.0, 14.0) * moving_peak(note, 3.0, 12.0)
-    power += take.power("-", spectrum(_RESIDUE, rng), 1.0, least=0.1)
+    note = filling_resonance(take, 1500.0, 4200.0, ends)
+    power = 0.5 * take.power("jet", spectrum(VALVE, rng, 1.5, 2.5, 3), 1.2, 14.0)
+    power += 0.7 * take.power("pan", spectrum(PLUME, rng, 0.8, 2.0, 3), 3.0, 14.0)
+    power += 0.12 * take.power("squeeze", spectrum(VALVE, rng), 2.0, 14.0) * moving_peak(note, 3.0, 12.0)
+    power += take.power("-", spectrum(RESIDUE, rng), 1.0, least=0.1)
     water = 0.6 * take.bubbles("pan", 130, (0.8, 6.0), 4.0) + 1.2 * take.splashes("pan", 40, 0.3)
     return take.heard(power, water, 2.2)
 
@@ -240,10 +206,8 @@ def vacuum_marine(count: int, rng: Generator) -> Array:
         now = late + rng.uniform(5.0, 12.0)
     shape: Spectrum = {63: -20, 125: -12, 250: -4, 500: 0, 1000: -1, 2000: -4, 4000: -8, 8000: -13, 16_000: -24}
     air = flow(count, rng, take.power("air", spectrum(shape, rng, 0.8, 2.0, 3), 2.6, 25.0))
-    power = take.power("rinse", spectrum(_RIM, rng), 2.5, 14.0) + take.power(
-        "drain", spectrum(_SUCTION, rng), 5.0, 20.0
-    )
-    power += take.power("-", spectrum(_RESIDUE, rng), 2.0, least=0.04)
+    power = take.power("rinse", spectrum(RIM, rng), 2.5, 14.0) + take.power("drain", spectrum(SUCTION, rng), 5.0, 20.0)
+    power += take.power("-", spectrum(RESIDUE, rng), 2.0, least=0.04)
     power += 0.004 * take.power("pump", spectrum({63: -6, 250: 0, 1000: -2, 4000: -10, 16_000: -26}, rng), 2.5, 18.0)
     phase = slow_phase(count, turns * (1.0 + frame_drift(len(take.line.times), rng, 0.6, 0.004)))
     level = np.interp(np.arange(count) / SAMPLE_RATE, take.line.times, take.line.level("pump", 0.55))
@@ -274,8 +238,8 @@ def rimless_dual_flush(count: int, rng: Generator) -> Array:
         end = now + length + refill * (1.0 if full else 0.6) * rng.uniform(0.9, 1.1)
         take.at(now - 0.2, 0.5, knock(rng, 600, 5000, 0.03, click=0.9))
         take.at(now - 0.02, 0.5, knock(rng, 180, 1500, 0.06))
-        take.line.add("flush", *_head(now, length, 0.18))
-        take.line.add("fill", *_refill(now + 0.5 * length, end - now - 0.5 * length, rng.uniform(0.09, 0.14), 0.25))
+        take.line.add("flush", *cistern_flow(now, length, 0.18))
+        take.line.add("fill", *valve_flow(now + 0.5 * length, end - now - 0.5 * length, rng.uniform(0.09, 0.14), 0.25))
         take.at(end - 0.05, rng.uniform(0.15, 0.5), hammer(rng, metres, 0.25))
         take.line.add("drip", (now + length, 1.0), (now + length + 4.0, 0.1), (end, 0.05))
         if rng.random() < 0.4:
@@ -289,11 +253,11 @@ def rimless_dual_flush(count: int, rng: Generator) -> Array:
     swirl = 1.0 + 0.45 * np.sin(phase) + 0.12 * np.sin(2 * phase + 1.0)
     shape: Spectrum = {63: -26, 125: -17, 250: -9, 500: -3, 1000: 0, 2000: -2, 4000: -5, 8000: -10, 16_000: -23}
     power = take.power("flush", spectrum(shape, rng, 0.8), 2.5, 10.0) * swirl[:, None]
-    power += take.power("fill", spectrum(_QUIET_VALVE, rng), 1.5, 6.0) * moving_peak(
-        _filling(take, 300, 800, spans), 4.0, 6.0
+    power += take.power("fill", spectrum(QUIET_VALVE, rng), 1.5, 6.0) * moving_peak(
+        filling_resonance(take, 300, 800, spans), 4.0, 6.0
     )
-    power += take.power("hinge", spectrum(_QUIET_VALVE, rng), 3.0, 20.0)
-    power += take.power("-", spectrum(_RESIDUE, rng), 1.0, least=0.045)
+    power += take.power("hinge", spectrum(QUIET_VALVE, rng), 3.0, 20.0)
+    power += take.power("-", spectrum(RESIDUE, rng), 1.0, least=0.045)
     water = 0.5 * take.bubbles("flush", 160, (0.7, 4.0)) + 0.5 * take.bubbles("drip", 28, (0.8, 4.5), 1.5)
     water += 1.7 * take.splashes("flush", 60) + 0.4 * take.splashes("drip", 12) + 0.3 * take.splashes("fill", 150)
     return take.heard(power, water)
@@ -313,7 +277,7 @@ def running_ballcock(count: int, rng: Generator) -> Array:
     now = -rng.uniform(0.0, every)
     while now < take.line.seconds:
         length = lasts * rng.uniform(0.7, 1.3)
-        take.line.add("fill", *_refill(now, length, rng.uniform(0.8, 1.1), 0.6 * length))
+        take.line.add("fill", *valve_flow(now, length, rng.uniform(0.8, 1.1), 0.6 * length))
         size = int(length * SAMPLE_RATE)
         bend = np.linspace(0.0, 1.0, size)
         level = sings * np.sin(np.pi * np.clip(bend * 1.15 - 0.1, 0, 1)) ** 0.6
@@ -324,10 +288,10 @@ def running_ballcock(count: int, rng: Generator) -> Array:
             take.at(now, rng.uniform(0.5, 1.0), grip * noise * np.clip(bend * 3 - 1.4, 0, 1))
         take.at(now + length, rng.uniform(0.2, 0.8), knock(rng, 200, 2500, 0.08))
         now += max(length + 2.0, every * rng.uniform(0.75, 1.25))
-    power = take.power("fill", spectrum(_VALVE, rng, 1.5), 2.2, 10.0)
+    power = take.power("fill", spectrum(VALVE, rng, 1.5), 2.2, 10.0)
     # A thin jet breaks into drops (Rayleigh), which strike the water in lumps some ten times a second.
-    power += take.power("-", spectrum(_RIM, rng, 1.5), 5.0, 10.0, least=rng.uniform(0.2, 0.4))
-    power += take.power("-", spectrum(_PLUME, rng, 1.0, 2.0, 3), 5.0, 10.0, least=rng.uniform(0.3, 0.5))
+    power += take.power("-", spectrum(RIM, rng, 1.5), 5.0, 10.0, least=rng.uniform(0.2, 0.4))
+    power += take.power("-", spectrum(PLUME, rng, 1.0, 2.0, 3), 5.0, 10.0, least=rng.uniform(0.3, 0.5))
     trickle = rng.uniform(40.0, 90.0)
     water = 0.9 * take.bubbles("fill", 40, (0.9, 5.0), trickle) + 2.2 * take.splashes("fill", 25, 0.3 * trickle)
     return take.heard(power, water)
@@ -355,22 +319,22 @@ def high_level_cistern(count: int, rng: Generator) -> Array:
         take.line.add(
             "pipe", (now - 0.2, 0.0), (now + 0.2, 0.5), (now + 0.6, 0.9), (over - 0.8, 0.7), (over + 0.3, 0.0)
         )
-        take.line.add("flush", *_head(now + 0.25, length, 0.5))
+        take.line.add("flush", *cistern_flow(now + 0.25, length, 0.5))
         take.at(
             over - 0.4, rng.uniform(1.4, 2.2), gulps(rng, int(rng.integers(3, 7)), bell, rng.uniform(3.0, 5.5), 1.0)
         )
         take.line.add("cough", (over - 0.5, 0.0), (over - 0.2, 0.9), (over + 0.3, 0.4), (over + 1.0, 0.0))
-        take.line.add("fill", *_refill(now + 1.0, fill, rng.uniform(0.16, 0.25), rng.uniform(5.0, 10.0)))
+        take.line.add("fill", *valve_flow(now + 1.0, fill, rng.uniform(0.16, 0.25), rng.uniform(5.0, 10.0)))
         size = int(rng.uniform(3.0, 8.0) * SAMPLE_RATE)
         bend = np.linspace(0.0, 1.0, size)
         take.at(end - size / SAMPLE_RATE, sings, whistle(rng, pitch * (1.0 - 0.2 * bend), np.sin(np.pi * bend), 0.02))
         now = end + rng.uniform(2.0, 7.0)
     shape: Spectrum = {63: -10, 125: -4, 250: -1, 500: 0, 1000: -3, 2000: -6, 4000: -11, 8000: -18, 16_000: -32}
     falling = flow(count, rng, take.power("pipe", spectrum(shape, rng), 2.0, 14.0))
-    power = take.power("flush", spectrum(_PLUME, rng, 0.8), 3.0, 13.0)
-    power += take.power("cough", spectrum(_SUCTION, rng), 5.0, 18.0)
-    power += take.power("fill", spectrum(_VALVE, rng, 1.5, 2.0, 3), 1.2)
-    power += take.power("-", spectrum(_RESIDUE, rng), 1.0, least=0.055)
+    power = take.power("flush", spectrum(PLUME, rng, 0.8), 3.0, 13.0)
+    power += take.power("cough", spectrum(SUCTION, rng), 5.0, 18.0)
+    power += take.power("fill", spectrum(VALVE, rng, 1.5, 2.0, 3), 1.2)
+    power += take.power("-", spectrum(RESIDUE, rng), 1.0, least=0.055)
     water = (
         0.6 * take.bubbles("flush", 120, (0.9, 7.0), 3.0)
         + 1.4 * take.splashes("flush", 50)
@@ -396,10 +360,10 @@ def concealed_wall(count: int, rng: Generator) -> Array:
         end = now + 1.0 + fill
         take.at(now - 0.25, 0.8, knock(rng, 350, 3000, 0.05, click=0.5))
         take.at(now + rng.uniform(0.1, 0.3), 0.5, knock(rng, 300, 2600, 0.05, click=0.4))
-        take.line.add("flush", *_head(now, length, 0.3))
+        take.line.add("flush", *cistern_flow(now, length, 0.3))
         take.line.add("stack", (now + 0.8, 0.0), (now + 1.5, 0.7), (now + length, 0.6), (now + length + 3.5, 0.08))
         take.line.add("stack", (end, 0.04))
-        take.line.add("fill", *_refill(now + 0.7, fill, rng.uniform(0.13, 0.2), rng.uniform(0.3, 1.5)))
+        take.line.add("fill", *valve_flow(now + 0.7, fill, rng.uniform(0.13, 0.2), rng.uniform(0.3, 1.5)))
         take.at(end - 0.3, rng.uniform(0.1, 0.5), hammer(rng, rng.uniform(4.0, 12.0), 0.3))
         if rng.random() < 0.4:
             take.at(now + length, rng.uniform(0.6, 1.2), gulps(rng, int(rng.integers(2, 5)), cavity * 1.6, 4.0, 0.4))
@@ -410,11 +374,11 @@ def concealed_wall(count: int, rng: Generator) -> Array:
     wall += 4.0 * np.exp(-np.square((place - np.log2(cavity)) / 0.3))
     shape: Spectrum = {63: -28, 125: -17, 250: -7, 500: -2, 1000: 0, 2000: -2, 4000: -4, 8000: -4, 16_000: -17}
     power = take.power("flush", spectrum(shape, rng, 0.8), 2.5, 11.0)
-    power += take.power("fill", spectrum(_VALVE, rng) + wall, 1.0) * moving_peak(
-        _filling(take, 200, 520, spans), 3.0, 6.0
+    power += take.power("fill", spectrum(VALVE, rng) + wall, 1.0) * moving_peak(
+        filling_resonance(take, 200, 520, spans), 3.0, 6.0
     )
-    power += take.power("stack", spectrum(_PLUME, rng) + 0.8 * wall, 5.0, 25.0)
-    power += take.power("-", spectrum(_RESIDUE, rng), 1.0, least=0.045)
+    power += take.power("stack", spectrum(PLUME, rng) + 0.8 * wall, 5.0, 25.0)
+    power += take.power("-", spectrum(RESIDUE, rng), 1.0, least=0.045)
     water = 0.5 * take.bubbles("flush", 130, (0.8, 5.0), 2.0) + 1.8 * take.splashes("flush", 60, 0.3)
     return take.heard(power, water)
 
@@ -454,11 +418,11 @@ def pressure_assisted(count: int, rng: Generator) -> Array:
         speed = np.where(take.line.times >= now, high * (1.0 + since / tau) ** -0.7, speed)
         rising = np.where(take.line.times >= puff, 1500.0 + 2200.0 * np.minimum(1.0, since / fill), rising)
         now = end + rng.uniform(1.0, 5.0)
-    power = take.power("jet", spectrum(_VALVE, rng, 0.8), 2.0, 25.0) * moving_peak(speed, 1.2, 9.0) * 0.35
-    power += take.power("pan", spectrum(_PLUME, rng), 3.5, 18.0)
-    power += take.power("puff", spectrum(_RIM, rng), 6.0, 30.0)
-    power += take.power("charge", spectrum(_VALVE, rng), 2.2, 10.0) * moving_peak(rising, 3.0, 8.0)
-    power += take.power("-", spectrum(_RESIDUE, rng), 1.0, least=0.05)
+    power = take.power("jet", spectrum(VALVE, rng, 0.8), 2.0, 25.0) * moving_peak(speed, 1.2, 9.0) * 0.35
+    power += take.power("pan", spectrum(PLUME, rng), 3.5, 18.0)
+    power += take.power("puff", spectrum(RIM, rng), 6.0, 30.0)
+    power += take.power("charge", spectrum(VALVE, rng), 2.2, 10.0) * moving_peak(rising, 3.0, 8.0)
+    power += take.power("-", spectrum(RESIDUE, rng), 1.0, least=0.05)
     water = (
         0.5 * take.bubbles("pan", 120, (0.8, 6.0), 2.0)
         + 1.8 * take.splashes("pan", 70)
@@ -494,9 +458,9 @@ def flushometer_piston(count: int, rng: Generator) -> Array:
     beat = 1.0 + 0.35 * frame_drift(len(take.line.times), rng, 2.0 * chatter, 1.0)
     shape: Spectrum = {63: -14, 125: -8, 250: -3, 500: 0, 1000: -1, 2000: -3, 4000: -6, 8000: -11, 16_000: -24}
     power = 0.5 * take.power("jet", spectrum(shape, rng, 1.0, 2.5, 3), 1.5, 14.0) * np.square(beat)[:, None]
-    power += 0.8 * take.power("pan", spectrum(_PLUME, rng, 1.0, 2.0, 3), 2.5, 12.0)
-    power += 0.2 * take.power("squeeze", spectrum(_VALVE, rng), 2.0, 14.0)
-    power += take.power("-", spectrum(_RESIDUE, rng), 1.0, least=0.095)
+    power += 0.8 * take.power("pan", spectrum(PLUME, rng, 1.0, 2.0, 3), 2.5, 12.0)
+    power += 0.2 * take.power("squeeze", spectrum(VALVE, rng), 2.0, 14.0)
+    power += take.power("-", spectrum(RESIDUE, rng), 1.0, least=0.095)
     water = 0.7 * take.bubbles("pan", 70, (1.5, 9.0), 2.0) + 1.3 * take.splashes("pan", 30, 0.3)
     return take.heard(power, water, 2.2)
 
@@ -514,18 +478,18 @@ def washout_shelf(count: int, rng: Generator) -> Array:
     while now < take.line.seconds:
         length, fill = flush * rng.uniform(0.9, 1.1), refill * rng.uniform(0.9, 1.1)
         take.at(now - 0.15, 0.8, knock(rng, lever, 4800, 0.07))
-        take.line.add("sheet", *_head(now, length, 0.4))
-        take.line.add("fall", *_head(now + 0.3, length, 0.7))
+        take.line.add("sheet", *cistern_flow(now, length, 0.4))
+        take.line.add("fall", *cistern_flow(now + 0.3, length, 0.7))
         take.line.add("trickle", (now + length, 0.0), (now + length + 0.6, 1.0), (now + length + 9.0, 0.1))
-        take.line.add("fill", *_refill(now + 1.0, fill, rng.uniform(0.06, 0.14), rng.uniform(1.0, 5.0)))
+        take.line.add("fill", *valve_flow(now + 1.0, fill, rng.uniform(0.06, 0.14), rng.uniform(1.0, 5.0)))
         if rng.random() < 0.35:
-            _seat(take, now - rng.uniform(0.9, 1.6), rng.uniform(0.8, 2.0))
+            drop_seat(take, now - rng.uniform(0.9, 1.6), rng.uniform(0.8, 2.0))
         now += 1.0 + fill + rng.uniform(1.0, 5.0)
     throat = fall * np.exp(frame_drift(len(take.line.times), rng, 4.0, 0.12))
-    power = sheet * take.power("sheet", spectrum(_RIM, rng, 1.5), 2.0, 8.0)
-    power += take.power("fall", spectrum(_PLUME, rng, 1.5, 2.5, 3), 4.0, 14.0) * moving_peak(throat, 2.5, 8.0)
-    power += take.power("fill", spectrum(_QUIET_VALVE, rng, 1.5), 1.8, 7.0)
-    power += take.power("-", spectrum(_RESIDUE, rng, 1.5), 1.0, least=rng.uniform(0.04, 0.08))
+    power = sheet * take.power("sheet", spectrum(RIM, rng, 1.5), 2.0, 8.0)
+    power += take.power("fall", spectrum(PLUME, rng, 1.5, 2.5, 3), 4.0, 14.0) * moving_peak(throat, 2.5, 8.0)
+    power += take.power("fill", spectrum(QUIET_VALVE, rng, 1.5), 1.8, 7.0)
+    power += take.power("-", spectrum(RESIDUE, rng, 1.5), 1.0, least=rng.uniform(0.04, 0.08))
     water = 0.7 * take.bubbles("fall", 140, (1.0, 7.0), 1.0) + 0.5 * take.bubbles("trickle", 40, (0.8, 5.0))
     water += 1.8 * take.splashes("fall", 60, 0.3) + 0.7 * take.splashes("trickle", 25)
     return take.heard(power, water, 1.6)
@@ -545,20 +509,20 @@ def silent_refill(count: int, rng: Generator) -> Array:
     while now < take.line.seconds:
         length = flush * rng.uniform(0.9, 1.1)
         take.at(now - 0.1, rng.uniform(0.8, 1.6), knock(rng, 350, 5000, 0.05, click=0.7))
-        take.line.add("flush", *_head(now, length, 0.15))
+        take.line.add("flush", *cistern_flow(now, length, 0.15))
         take.line.add("draught", (now + length - 1.2, 0.0), (now + length - 0.4, 0.9), (now + length + 0.3, 0.0))
         number = int(rng.integers(2, 7))
         take.at(now + length - 0.3, rng.uniform(1.0, 2.4), gulps(rng, number, trap, rng.uniform(4.0, 8.0), 0.6))
         take.line.add("rest", (now + length, 0.0), (now + length + 0.5, 1.0), (now + length + 4.0, 0.0))
-        take.line.add("fill", *_refill(now + 0.8, refill, rng.uniform(0.015, 0.045), 0.5))
+        take.line.add("fill", *valve_flow(now + 0.8, refill, rng.uniform(0.015, 0.045), 0.5))
         now += length + rng.uniform(5.0, 14.0)
         if rng.random() < 0.4:
-            _seat(take, now - rng.uniform(1.2, 2.4), rng.uniform(1.0, 2.5))
-    power = take.power("flush", spectrum(_PLUME, rng, 1.5, 2.5, 3), 3.0, 12.0)
-    power += bright * take.power("flush", spectrum(_RIM, rng, 1.5), 2.5, 12.0)
-    power += take.power("draught", spectrum(_SUCTION, rng), 4.0, 16.0)
-    power += take.power("fill", spectrum(_QUIET_VALVE, rng, 1.5), 1.5, 6.0)
-    power += take.power("-", spectrum(_RESIDUE, rng, 1.5), 1.0, least=room)
+            drop_seat(take, now - rng.uniform(1.2, 2.4), rng.uniform(1.0, 2.5))
+    power = take.power("flush", spectrum(PLUME, rng, 1.5, 2.5, 3), 3.0, 12.0)
+    power += bright * take.power("flush", spectrum(RIM, rng, 1.5), 2.5, 12.0)
+    power += take.power("draught", spectrum(SUCTION, rng), 4.0, 16.0)
+    power += take.power("fill", spectrum(QUIET_VALVE, rng, 1.5), 1.5, 6.0)
+    power += take.power("-", spectrum(RESIDUE, rng, 1.5), 1.0, least=room)
     water = 0.6 * take.bubbles("flush", 130, (0.8, 6.0), 1.0) + 0.6 * take.bubbles("rest", 35, (0.8, 5.0))
     water += 2.0 * take.splashes("flush", 60, 0.3) + 0.6 * take.splashes("rest", 20)
     return take.heard(power, water, 1.6)
@@ -585,4 +549,6 @@ VOICES: tuple[Voice, ...] = (
     _voice(flushometer_piston, "test", _MAINS, "ASSE 1037; IEC 60534-8-4; Weaver & Ziada 1980"),
     _voice(washout_shelf, "train", "gravity cistern, washout shelf", "EN 997; bubbles: van den Doel 2005"),
     _voice(silent_refill, "train", _GRAVITY, "EN 997, ISO 3822-4; Clanet & Searby 2004 (gulps)"),
+    _voice(siphons.lever_siphon, "train", "lever-primed siphon", "Richert & Binder 2011; Clanet & Searby 2004 (gulps)"),
+    _voice(siphons.squat_pan, "train", "self-siphoning trap", "French & Eaton 1951; Clanet & Searby 2004 (gulps)"),
 )

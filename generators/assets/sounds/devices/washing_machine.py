@@ -6,6 +6,7 @@ from functools import partial
 
 from generators.assets.sounds.devices import washing_machine_drums as drums
 from generators.assets.sounds.devices import washing_machine_dryers as dryers
+from generators.assets.sounds.devices import washing_machine_loads as loads
 from generators.assets.sounds.devices import washing_machine_tubs as tubs
 from generators.assets.sounds.voice import Voice
 
@@ -16,6 +17,8 @@ _MCFADDEN = "P. D. McFadden, J. D. Smith, Journal of Sound and Vibration 96 (198
 _SCHEMMANN = "H. Schemmann, dissertation, Eindhoven (1971), on single-phase synchronous motors"
 _GUEDEL = "A. Guédel, Fan Acoustics: Noise Generation and Control Methods, AMCA (2007)"
 _HOLMES = "P. J. Holmes, Journal of Sound and Vibration 84 (1982) 173–189, on bouncing"
+_ROBERTS = "M. E. Roberts et al., ANZIAM Journal 59 (2019) M30–M62, on falling laundry"
+_BAE = "S. Bae et al., Journal of Sound and Vibration 257 (2002) 3–18, on balancers; Cremer 1942 (mass law)"
 
 
 _voice = partial(Voice.of, "washing_machine")
@@ -33,4 +36,6 @@ VOICES: tuple[Voice, ...] = (
     _voice(drums.worn_bearing, "test", "defective rolling bearing", _MCFADDEN),
     _voice(dryers.washer_dryer, "train", "blower over a heater", _GUEDEL),
     _voice(dryers.toploader_hatch, "train", "universal motor and belt", _CONRAD),
+    _voice(loads.wet_tumble, "train", "falling wet load", _ROBERTS),
+    _voice(loads.built_in_spin, "train", "uneven load behind a door", _BAE),
 )
