@@ -1,7 +1,7 @@
 """The listener as a method: masks of frames of any size, and class ids in part_3.
 
-1. The network looks at the picture several times (`looks_at`): resized to 504² and to 756², the field of view
-   stays, and mirrored with the ears swapped. The sound goes in as it is. Its probabilities are averaged.
+1. The network looks at the picture several times (`looks_at`): resized to the two sizes that its calibration names, the
+   field of view stays, and mirrored with the ears swapped. The sound goes in as it is. Its probabilities are averaged.
 2. They have cells of two pixels; their log-odds are resized to the frame bilinearly and follow the picture's edges
    after a guided filter (He, Sun, Tang, "Guided image filtering", ECCV 2010).
 3. Where the likeliest pixels of the frame are below a threshold, nothing is marked; else what is around them, down to a
@@ -241,8 +241,9 @@ class ListenerMethod:
     def notes(self) -> str:
         """The settings, for submission.json."""
         edges = {"none": "no refinement", "edges": "guided filter at edges"}
-        coarse, fine = [side for side in LOOK_SIDES if side <= self.finest][-2:]
-        looks = {"one": "one look at 252²", "several": f"looks at {coarse}² and {fine}², also mirrored"}[self.looks]
+        looked = looks_at(self.finest, self.looks, self.finest)
+        sides = " and ".join(f"{look.side}²" for look in looked if not look.mirrored)
+        looks = f"one look at {sides}" if self.looks == "one" else f"looks at {sides}, also mirrored"
         said = self.calibration
         warm = (
             f"; log-odds of masks less {said.bias:g} divided by {said.mask:g}, of names by {said.audible:g}"

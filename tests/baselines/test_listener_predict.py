@@ -147,6 +147,10 @@ def test_old_weights_keep_their_rule_and_looks_and_new_ones_bring_theirs(tmp_pat
         sides = [look.side for look in predict.looks_at(1008, "several", method.finest)]
         assert sides == [method.finest - 252] * 2 + [method.finest] * 2
         assert f"looks at {method.finest - 252}² and {method.finest}²" in method.notes
+    weights.save_weights(Listener(tiny_listener.SMALL), tmp_path / "file.safetensors", weights.Calibration(finest=252))
+    assert "looks at 252², also mirrored" in predict.load_method(tmp_path / "file.safetensors", device="cpu").notes
+    assert "one look at 252²" in predict.load_method(tmp_path / "file.safetensors", device="cpu", looks="one").notes
+    weights.save_weights(Listener(tiny_listener.SMALL), tmp_path / "file.safetensors", None)
     method = predict.load_method(tmp_path / "file.safetensors", device="cpu", threshold=0.2)
     assert (method.threshold, method.share) == (0.2, None)
 

@@ -173,6 +173,15 @@ def inverter_defrost(count: int, rng: Generator) -> Array:
     )
 
 
+def _from_each(count: int, at: Moments, seconds: float, levels: Array | float) -> Array:
+    """Slow curve that has a level for ``seconds`` from each of the samples ``at``, else 0."""
+    out = np.zeros(frames(count))
+    for start, level in zip(at, np.broadcast_to(levels, at.shape), strict=True):
+        begin = int(start / SAMPLE_RATE * CONTROL_RATE)
+        out[max(begin, 0) : max(begin + int(seconds * CONTROL_RATE), 0)] = level
+    return out
+
+
 def _drawer(count: int, rng: Generator, at: Moments) -> Signal:
     """A drawer that a geared motor moves on rails from each of the samples ``at``: about unit RMS while it moves.
 
@@ -180,10 +189,7 @@ def _drawer(count: int, rng: Generator, at: Moments) -> Signal:
     balls in the rails; it starts and stops softly and arrives with a thump. Two journeys differ by their load.
     """
     travel = rng.uniform(1.6, 2.6)
-    motion = np.zeros(frames(count))
-    for start in at:
-        begin = int(start / SAMPLE_RATE * CONTROL_RATE)
-        motion[max(begin, 0) : max(begin + int(travel * CONTROL_RATE), 0)] = rng.uniform(0.88, 1.0)
+    motion = _from_each(count, at, travel, rng.uniform(0.88, 1.0, len(at)))
     width = int(rng.uniform(0.12, 0.3) * CONTROL_RATE) | 1
     motion = np.convolve(np.pad(motion, width // 2, mode="edge"), np.full(width, 1.0 / width), mode="valid")
     speed = motion * (1.0 + slow(count, rng, 3.0, 0.02)) + 1e-4
@@ -221,12 +227,8 @@ def drawer_oven(count: int, rng: Generator) -> Array:
     scrape = noise(count, rng, slopes([(300.0, -8.0), (1100.0, 0.0), (5000.0, -14.0)]) + ripple(rng, 4.0))
     scrape *= expand(held.cooking * np.exp(3.0 * (np.cos(angle) - 1.0) + slow(count, rng, 12.0, 0.5)), count)
     moved = np.sort(np.concatenate([held.opens, held.closes]))
-    shaken = np.zeros(frames(count))
-    for start in moved:
-        begin = int(start / SAMPLE_RATE * CONTROL_RATE)
-        shaken[max(begin, 0) : max(begin + int(0.5 * CONTROL_RATE), 0)] = 1.0
     dishes = slopes([(700.0, -12.0), (2400.0, 0.0), (7000.0, -8.0), (14_000.0, -26.0)]) + ripple(rng, 5.0, 6.0)
-    clink = impacts(count, rng, rng.uniform(2.0, 7.0) * shaken, dishes, 0.6, 0.09)
+    clink = impacts(count, rng, rng.uniform(2.0, 7.0) * _from_each(count, moved, 0.5, 1.0), dishes, 0.6, 0.09)
     pitch = rng.uniform(1900.0, 2500.0)
     return np.asarray(
         air
