@@ -43,7 +43,7 @@ from generators.sampling.sweep_cli import sweep
 MANIFESTS = Path(__file__).parents[2] / "scenes_manifest"
 TRAIN, LISTEN, TUNE = (MANIFESTS / f"{name}.yaml" for name in ("train", "listen", "listen-tune"))
 #: Version of all manifests.
-VERSION_OF = {"train": "7.0.0"}
+VERSION_OF = {"train": "8.0.0"}
 """Manifests of another version than "4.0.0"."""
 #: Manifests on which networks are trained, and on which settings are chosen; all others test.
 SPLIT_OF = {"train": "train"} | dict.fromkeys(("listen-tune", "marks-tune", "cue-weights"), "validation")

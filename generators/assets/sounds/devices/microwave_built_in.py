@@ -8,7 +8,6 @@ from numpy.random import Generator
 from avs3d_bench.contract.layout import SAMPLE_RATE
 from generators.assets.sounds.devices.microwave_parts import (
     Moments,
-    Range,
     beeps,
     clicks,
     door,
@@ -110,20 +109,6 @@ def crossflow_built_in(count: int, rng: Generator) -> Array:
     )
 
 
-def _pulses(count: int, rng: Generator, cooking: Array, on: Range, off: Range) -> Array:
-    """Slow curve of a control board's power pulses: 1 for ``on`` seconds, 0 for ``off``, no two quite alike."""
-    length, pause = rng.uniform(*on), rng.uniform(*off)
-    segments, past = [], rng.uniform(0.0, length + pause)
-    total = -past
-    while total < count / SAMPLE_RATE:
-        first, second = (seconds * rng.uniform(0.985, 1.015) for seconds in (length, pause))
-        segments += [(first, 1.0), (second, 0.0)]
-        total += first + second
-    skipped = int(past * CONTROL_RATE)
-    whole = np.concatenate([np.full(max(1, int(seconds * CONTROL_RATE)), level) for seconds, level in segments])
-    return np.asarray(np.resize(whole[skipped:], frames(count)) * cooking)
-
-
 def inverter_defrost(count: int, rng: Generator) -> Array:
     """An oven with an inverter that defrosts: pulses of some seconds in which hum and fan swell, and lulls between.
 
@@ -134,7 +119,8 @@ def inverter_defrost(count: int, rng: Generator) -> Array:
     """
     held = session(count, rng, (60.0, 200.0), (5.0, 9.0))
     nominal, cycle = mains(count, rng)
-    pulse = _pulses(count, rng, held.cooking, (2.0, 9.0), (3.0, 12.0))
+    on, off = rng.uniform(2.0, 9.0), rng.uniform(3.0, 12.0)
+    pulse, _ = duty(count, rng, held.cooking, on + off, on / (on + off))
     switched = np.flatnonzero(np.diff(pulse) > 0).astype(np.int64) * int(SAMPLE_RATE / CONTROL_RATE)
     soft = approach(
         count, [(1.0 / CONTROL_RATE, level) for level in pulse], float(pulse[0]), rng.uniform(0.1, 0.3), 0.06

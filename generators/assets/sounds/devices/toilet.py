@@ -504,7 +504,7 @@ def silent_refill(count: int, rng: Generator) -> Array:
     """
     take = Take(count, rng)
     flush, refill, trap = rng.uniform(2.4, 4.5), rng.uniform(12.0, 25.0), rng.uniform(90.0, 260.0)
-    bright, room = rng.uniform(0.1, 0.7), rng.uniform(0.035, 0.06)
+    bright, room = rng.uniform(0.1, 0.7), rng.uniform(0.055, 0.08)
     now = -rng.uniform(0.0, 6.0) if rng.random() < 0.5 else rng.uniform(0.2, 2.0)
     while now < take.line.seconds:
         length = flush * rng.uniform(0.9, 1.1)
