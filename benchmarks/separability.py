@@ -4,15 +4,15 @@
     python -m benchmarks.separability --learn-recordings -o FILE.json [--cnn]
 
 A nearest neighbour on spectral and modulation features, and with ``--cnn`` small convolutional networks on log-mel
-spectrograms (`separability_network`), are trained on seconds of *train* voices, half of them reverberant, and asked
-about seconds of *validation* and *test* voices and of recordings, each dry and reverberant: as they are, and low-passed
-at 4, 8 and 16 kHz. In brackets: takes of ten seconds, over which the answers are averaged. A benchmark whose sounds a
-fingerprint solves would be near 100 % on test voices; one whose sounds say nothing of real ones would be at chance, 14
-%, on recordings. A third recogniser has nothing but the mean spectrum from 10 to 20 kHz. The nearest neighbour's
-training seconds pass the same filter as those that are asked about; networks are trained once, on spectra that are
-changed at random. The neighbour is also asked about each training voice after training on the others, which says how
-much of a miss is the distance between any two voices. ``--learn-recordings`` takes the recordings for training in the
-lock file as further training voices, and asks about those for tests, both from the store (`avs3d assets fetch`).
+spectrograms (`separability_network`), are trained on seconds of *train* voices and asked about seconds of *validation*
+and *test* voices and of recordings, each dry and reverberant: as they are, and low-passed at 4, 8 and 16 kHz. In
+brackets: takes of ten seconds, over which the answers are averaged. A benchmark whose sounds a fingerprint solves would
+be near 100 % on test voices; one whose sounds say nothing of real ones would be at chance, 14 %, on recordings. A third
+recogniser has nothing but the mean spectrum from 10 to 20 kHz. The nearest neighbour's training seconds pass the same
+filter as those that are asked about; networks are trained once, on spectra that are changed at random. The neighbour is
+also asked about each training voice after training on the others, which says how much of a miss is the distance between
+any two voices. ``--learn-recordings`` takes the recordings for training in the lock file as further training voices,
+and asks about those for tests, both from the store (`avs3d assets fetch`).
 FILE.json holds one run, so that all its rows have one size; it is written after each recogniser.
 """
 
@@ -71,8 +71,8 @@ NEIGHBOURS = 15
 SUBSPACES, SHARE, AXES, SHRINKAGE = 16, 0.3, 20, 0.3
 #: Added to the modulation before its logarithm is taken: what steady noise has.
 MODULATION_FLOOR = 0.3
-#: Share of the training seconds with reverberation, decay times (s) and direct-to-reverberant ratios (dB).
-REVERBERANT, T60, DIRECT_DB = 0.5, (0.25, 0.9), (-9.0, 6.0)
+#: Decay times (s) and direct-to-reverberant ratios (dB) of seconds with reverberation.
+T60, DIRECT_DB = (0.25, 0.9), (-9.0, 6.0)
 #: What clips are without and with reverberation; the end of their names.
 STATES = ("dry", "reverberant")
 
@@ -115,12 +115,9 @@ def _prepared(of: Callable[[Array], Any], part: Array, change: str) -> Any:
 
 
 def of_voices(split: str, seed: int, units: int, workers: int | None) -> Clips:
-    """Seconds of all voices of a split; every unit is another one.
-
-    Units for training are dry or reverberant, those that are asked about are both.
-    """
+    """Seconds of all voices of a split, dry and reverberant; every unit is another one."""
     tasks = [
-        (number, voice.name, (seed, number, place), units, split != "train")
+        (number, voice.name, (seed, number, place), units)
         for number, category in enumerate(CATEGORIES)
         for place, voice in enumerate(voices(category))
         if voice.split == split
@@ -129,13 +126,13 @@ def of_voices(split: str, seed: int, units: int, workers: int | None) -> Clips:
     return _clips([one for task in tasks for one in found[task]])
 
 
-def _of_voice(task: tuple[int, str, tuple[int, ...], int, bool]) -> list[Second]:
-    number, name, seed, units, asked = task
+def _of_voice(task: tuple[int, str, tuple[int, ...], int]) -> list[Second]:
+    number, name, seed, units = task
     rng, category = np.random.default_rng(seed), CATEGORIES[number]
     found = []
     for unit in range(units):
         signal = np.asarray(synthesise(category, SECONDS, rng, name), dtype=np.float64)
-        found += _seconds(signal, rng, f"{category}/{name}/{unit}", asked)
+        found += _seconds(signal, rng, f"{category}/{name}/{unit}")
     return found
 
 
@@ -147,14 +144,12 @@ def of_recordings(folder: Path, seed: int) -> Clips:
         for name, (signal, rate) in recordings(folder, category).items():
             whole = resampled(signal, rate)
             whole = np.tile(whole, -(-SAMPLE_RATE // len(whole)))
-            found += _seconds(whole, rng, f"{category}/{name}/0", True)
+            found += _seconds(whole, rng, f"{category}/{name}/0")
     return _clips(found)
 
 
 def of_lock(split: str, seed: int, units: int | None = None) -> Clips:
-    """Seconds of the recordings of a split in the lock file that are in the store.
-
-    Those for training are dry or reverberant, the others both.
+    """Seconds of the recordings of a split in the lock file that are in the store, dry and reverberant.
 
     Args:
         split: train, validation or test.
@@ -175,7 +170,7 @@ def of_lock(split: str, seed: int, units: int | None = None) -> Clips:
         for unit in range(units or 1):
             length, start = (SECONDS, float(rng.random())) if units else (whole, 0.0)
             samples = load_sound(path, length, start=start, trim=entry.trim).astype(np.float64)
-            found += _seconds(samples, rng, f"{entry.category}/{entry.id}/{unit}", split != "train")
+            found += _seconds(samples, rng, f"{entry.category}/{entry.id}/{unit}")
     return _clips(found)
 
 
@@ -190,11 +185,10 @@ def _clips(found: Sequence[Second]) -> Clips:
     return Clips(np.stack(samples), np.array(labels), list(names))
 
 
-def _seconds(signal: Array, rng: np.random.Generator, name: str, both: bool) -> list[Second]:
-    """The whole seconds of a signal at the same level, silent ones left out: dry, reverberant, or ``both``."""
-    states = STATES if both else (STATES[int(rng.random() < REVERBERANT)],)
+def _seconds(signal: Array, rng: np.random.Generator, name: str) -> list[Second]:
+    """The whole seconds of a signal at the same level, silent ones left out: dry and reverberant."""
     found, number = [], CATEGORIES.index(name.split("/")[0])
-    for state in states:
+    for state in STATES:
         heard = signal if state == "dry" else fftconvolve(signal, _response(rng))[: len(signal)]
         whole = heard[: len(heard) // SAMPLE_RATE * SAMPLE_RATE].reshape(-1, SAMPLE_RATE)
         levels = np.sqrt(np.mean(np.square(whole), axis=1))

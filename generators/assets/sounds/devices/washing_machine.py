@@ -7,6 +7,7 @@ from functools import partial
 from generators.assets.sounds.devices import washing_machine_drums as drums
 from generators.assets.sounds.devices import washing_machine_dryers as dryers
 from generators.assets.sounds.devices import washing_machine_loads as loads
+from generators.assets.sounds.devices import washing_machine_quiet as quiet
 from generators.assets.sounds.devices import washing_machine_tubs as tubs
 from generators.assets.sounds.voice import Voice
 
@@ -38,4 +39,6 @@ VOICES: tuple[Voice, ...] = (
     _voice(dryers.toploader_hatch, "train", "universal motor and belt", _CONRAD),
     _voice(loads.wet_tumble, "train", "falling wet load", _ROBERTS),
     _voice(loads.built_in_spin, "train", "uneven load behind a door", _BAE),
+    _voice(quiet.half_load_splash, "train", "small load in deep water", _ROBERTS),
+    _voice(quiet.old_gear_wash, "train", "universal motor and long belt", _CONRAD),
 )
