@@ -36,12 +36,14 @@ SHARE_best ?= 36
 # begins as many threads as it has cores. Without it a program has all cores.
 
 # Of `avs3d generate` for all parts.
-TRAIN_OPTIONS ?= --size 504 --frames 12
+TRAIN_OPTIONS ?= --size 504 --frames 12 --with rirs
 # After this time a part of the training data is what has been made of it; without a number it is made whole.
 DATA_MINUTES ?=
 # Homes and voices for validation, by which thresholds and temperatures are chosen, and other options of `generate` for it.
 TUNE ?= scenes_manifest/listen-tune.yaml scenes_manifest/marks-tune.yaml
 TUNE_OPTIONS ?= --size 504 --frames 12
+# Of each training voice, with whose sounds frames of the training data are dubbed; 0: they are not.
+DRY_UNITS ?= 40
 # Of each training; the first of them learn what is seen, without sound.
 STEPS ?= 4500
 PICTURE_STEPS ?= 1500
@@ -113,10 +115,14 @@ $(LISTENER)/decoded.done: $(TRAIN_PARTS:%=$(LISTENER)/train-%.done) $(LISTENER)/
 	$(call timed,decoded,$(PYTHON) -m benchmarks.listener_ablation decode $(LISTENER) train tune --workers $(WORKERS))
 	@touch $@
 
-$(CARDS): $(LISTENER)/run/seed%/listener.safetensors: $(LISTENER)/decoded.done
+$(LISTENER)/dry.npz: | $(LISTENER)/kernels.done
+	$(call timed,dry,$(PYTHON) -m benchmarks.listener_dry -o $@ --units $(DRY_UNITS) --workers $(WORKERS))
+
+$(CARDS): $(LISTENER)/run/seed%/listener.safetensors: $(LISTENER)/decoded.done $(if $(filter-out 0,$(DRY_UNITS)),$(LISTENER)/dry.npz)
 	@mkdir -p $(@D) && ln -sfn $(abspath $(LISTENER)/tune-cache) $(@D)/calibration
 	$(call timed,seed$*,$(call on,$*) $(PYTHON) -m benchmarks.listener_training --data $(SHARDS) --cache $(LISTENER)/train-cache \
 	  --calibrate-on $(LISTENER)/tune -o $(@D) --seed $* --picture-steps $(PICTURE_STEPS) --steps $(STEPS) --manifest $(TRAIN) $(if $(WEIGHTS),--weights $(WEIGHTS)) \
+	  $(if $(filter-out 0,$(DRY_UNITS)),--dry $(LISTENER)/dry.npz) \
 	  $(if $(filter 0,$(GPUS)),--accelerator cpu) $(TRAIN_LISTENER_OPTIONS) && [ -f $@ ])
 
 $(LISTENER)/ablation.done: $(LISTENER)/decoded.done

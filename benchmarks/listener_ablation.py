@@ -174,14 +174,14 @@ def part_of(store: ShardStore, sounds: Iterable[int]) -> ShardStore:
     """Some of the sounds of a store, with their pictures, in memory; its digest is that of the whole store."""
     kept = np.asarray(list(sounds), np.int64)
     views, view = np.unique(np.asarray(store.table.view, np.int64)[kept], return_inverse=True)
-    of_sounds, of_views = ("keys", "audible", "others", "lateral"), ("groups", "homes", "cameras", "present")
+    of_sounds, of_views = ("keys", "audible", "others", "lateral", "dubbed"), ("groups", "homes", "cameras", "present")
     chosen: dict[str, Any] = {name: [getattr(store.table, name)[n] for n in kept] for name in of_sounds}
     chosen |= {name: [getattr(store.table, name)[n] for n in views] for name in of_views}
     table = replace(store.table, view=view.tolist(), **chosen)
     arrays = {name: getattr(store, name)[kept] for name in ("sounds", "masks", "marked")}
-    return ShardStore(
-        table, **arrays, **{name: getattr(store, name)[views] for name in ("pictures", "classes", "extents")}
-    )
+    arrays["responses"] = store.responses[kept] if len(store.responses) else store.responses
+    arrays |= {name: getattr(store, name)[views] for name in ("pictures", "classes", "extents")}
+    return ShardStore(table, **arrays, dry=store.dry)
 
 
 def with_voices(played: Mapping[str, Sequence[tuple[str, str]]], arm: Arm, seed: int) -> set[str]:
@@ -408,7 +408,8 @@ def _plan(table: ShardTable, numbers: NDArray[np.int64]) -> BatchPlan:
     pairs = np.stack([numbers, np.full_like(numbers, -1)], axis=1)
     audible = [[*(name in table.audible[n] for name in CATEGORIES), table.others[n]] for n in numbers]
     views = np.asarray(table.view, np.int64)[numbers]
-    return BatchPlan(views, pairs, pairs, np.asarray(audible, np.bool_), np.full(len(numbers), SoundKind.OWN, np.int64))
+    own, heard = np.full(len(numbers), SoundKind.OWN, np.int64), np.asarray(audible, np.bool_)
+    return BatchPlan(views, pairs, np.full_like(pairs, -1), pairs, heard, own)
 
 
 def surest_is_near(odds: Any, batch: Any) -> Any:

@@ -82,12 +82,12 @@ class Clips:
     """Seconds of sound.
 
     Attributes:
-        samples: (n, 44100).
+        samples: (n, 44100) float32.
         labels: (n,) number of the category.
         names: (n,) ``category/voice/unit/state`` or ``category/recording/0/state``, with one of `STATES`.
     """
 
-    samples: Array
+    samples: NDArray[np.float32]
     labels: NDArray[np.int64]
     names: list[str]
 
@@ -102,7 +102,7 @@ class Clips:
         return np.array([name.rsplit("/", 1)[1] for name in self.names])
 
 
-def prepared(of: Callable[[Array], Any], samples: Array, change: str, workers: int | None = None) -> Any:
+def prepared(of: Callable[[Array], Any], samples: NDArray[np.floating], change: str, workers: int | None = None) -> Any:
     """`features` or `log_mel` of clips (n, 44100) after one of `CHANGES`, in processes (None: one per core)."""
     from sklearn.utils.parallel import Parallel, delayed
 
@@ -110,7 +110,7 @@ def prepared(of: Callable[[Array], Any], samples: Array, change: str, workers: i
     return np.concatenate(parts)
 
 
-def _prepared(of: Callable[[Array], Any], part: Array, change: str) -> Any:
+def _prepared(of: Callable[[Array], Any], part: NDArray[np.floating], change: str) -> Any:
     return of(np.stack([CHANGES[change](clip) for clip in part]))
 
 
@@ -123,7 +123,7 @@ def of_voices(split: str, seed: int, units: int, workers: int | None) -> Clips:
         if voice.split == split
     ]
     found = dict(process_each(_of_voice, tasks, workers=workers, label=f"{split} voices"))
-    return _clips([one for task in tasks for one in found[task]])
+    return _clips([one for task in tasks for one in found.pop(task)])
 
 
 def _of_voice(task: tuple[int, str, tuple[int, ...], int]) -> list[Second]:
@@ -180,9 +180,14 @@ def joined(*clips: Clips) -> Clips:
     return Clips(samples, labels, [name for one in clips for name in one.names])
 
 
-def _clips(found: Sequence[Second]) -> Clips:
-    samples, labels, names = zip(*found, strict=True)
-    return Clips(np.stack(samples), np.array(labels), list(names))
+def _clips(found: list[Second]) -> Clips:
+    """The seconds as one array, whose parts take the place of those in ``found``: two copies would take 23 GB."""
+    samples = np.empty((len(found), SAMPLE_RATE), np.float32)
+    for number, (second, *rest) in enumerate(found):
+        samples[number] = second
+        found[number] = (samples[number], *rest)
+    _, labels, names = zip(*found, strict=True)
+    return Clips(samples, np.array(labels), list(names))
 
 
 def _seconds(signal: Array, rng: np.random.Generator, name: str) -> list[Second]:
@@ -226,7 +231,7 @@ def features(clips: Array) -> Array:
     return np.concatenate(rows)
 
 
-def _chunks(clips: Array) -> list[Array]:
+def _chunks(clips: NDArray[np.floating]) -> list[NDArray[np.floating]]:
     return np.array_split(clips, -(-len(clips) // 256))
 
 
@@ -254,7 +259,7 @@ def _modulation(course: Array) -> Array:
     return np.log(np.stack(bands, axis=2) + MODULATION_FLOOR).reshape(len(course), -1)
 
 
-def _lines(clips: Array) -> Array:
+def _lines(clips: NDArray[np.floating]) -> Array:
     """(n, 46) per third of an octave: level of the highest line (dB re the median) and share of bins 14 dB above it."""
     window = blackmanharris(clips.shape[1]).astype(np.float32)
     power = np.abs(rfft(clips.astype(np.float32) * window, axis=1)) ** 2
@@ -268,7 +273,7 @@ def _lines(clips: Array) -> Array:
     return np.stack(highest + share, axis=1)
 
 
-def _texture(clips: Array, window: int) -> Array:
+def _texture(clips: NDArray[np.floating], window: int) -> Array:
     """(n, 130) of 24 bands' envelopes: variation, skewness, kurtosis, and correlations of bands that lie apart."""
     spectrum = stft(clips.astype(np.float32), SAMPLE_RATE, nperseg=window, boundary=None, padded=False)[2]
     edges = TEXTURE_EDGES * window / SAMPLE_RATE

@@ -78,7 +78,7 @@ class Training:
     highest_hz: float = RANGE[1]
 
 
-def log_mel(clips: Array) -> Mels:
+def log_mel(clips: NDArray[np.floating]) -> Mels:
     """(n, MELS, frames) logarithms (base 10) of the mel power of clips (n, 44100), 50 Hz to 20 kHz."""
     bank = _mel_bank()
     frames = np.lib.stride_tricks.sliding_window_view(clips, WINDOW, axis=1)[:, ::HOP]

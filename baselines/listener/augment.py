@@ -76,7 +76,9 @@ class Bank:
 
     def __init__(self, store: ShardStore, device: torch.device) -> None:
         self.device = torch.device(device)
-        arrays = {name: getattr(store, name) for name in ("pictures", "classes", "sounds", "masks")}
+        arrays = {name: getattr(store, name) for name in ("pictures", "classes", "sounds", "masks", "responses")}
+        if store.dry is not None:
+            arrays["dry"] = store.dry.samples
         self.resident = False
         if self.device.type == "cuda":
             free, _ = torch.cuda.mem_get_info(self.device)
@@ -87,7 +89,7 @@ class Bank:
         self._cameras = torch.tensor(store.table.cameras, dtype=torch.float32, device=self.device)
 
     def rows(self, name: str, index: Tensor) -> Tensor:
-        """Rows of ``pictures``, ``classes``, ``sounds`` or ``masks``, on the device."""
+        """Rows of ``pictures``, ``classes``, ``sounds``, ``masks``, ``responses`` or ``dry``, on the device."""
         source = self._tensors[name]
         return self.sent(source.index_select(0, index.to(source.device, non_blocking=True)))
 
@@ -129,19 +131,25 @@ class Bank:
         return augmented(batch, generator, without) if len(batch.sounds) else parts(batch, generator, without)
 
     def _mixed(self, plan: BatchPlan, generator: torch.Generator | None) -> Tensor:
-        first = self._sounds(plan.sounds[:, 0])
+        first = self._sounds(plan.sounds[:, 0], plan.dubs[:, 0])
         second = np.flatnonzero(plan.sounds[:, 1] >= 0)
         if len(second):
-            other, rows = self._sounds(plan.sounds[second, 1]), self.sent(second)
+            other, rows = self._sounds(plan.sounds[second, 1], plan.dubs[second, 1]), self.sent(second)
             ratio = level(first[rows]) / level(other)
             change = 0.0 if generator is None else uniform(generator, len(second), -MIX_DB, MIX_DB)
             gain = ratio * 10 ** (change / 20)
             first[rows] += other * gain[:, None, None]
         return first
 
-    def _sounds(self, index: Any) -> Tensor:
+    def _sounds(self, index: Any, dubs: Any) -> Tensor:
         numbers = torch.from_numpy(index)
         chosen = self.rows("sounds", numbers.clamp(min=0)).float()
+        dubbed = np.flatnonzero(dubs >= 0)
+        if len(dubbed):
+            dry = self.rows("dry", torch.from_numpy(dubs[dubbed])).float()
+            responses = self.rows("responses", torch.from_numpy(index[dubbed])).float()
+            rows, heard = self.sent(dubbed), heard_through(dry, responses)
+            chosen[rows] = heard * (level(chosen[rows]) / level(heard))[:, None, None]
         return chosen * self.sent(numbers >= 0)[:, None, None]
 
     def _united(self, plan: BatchPlan) -> Tensor:
@@ -153,6 +161,15 @@ class Bank:
                 packed = self.rows("masks", torch.from_numpy(plan.truths[rows, column]))
                 out[self.sent(rows)] |= unpack(packed)
         return out
+
+
+def heard_through(dry: Tensor, responses: Tensor) -> Tensor:
+    """(n, 2, 44100): the second half of dry sounds (n, 88200), after the first, through responses (n, 2, 44100)."""
+    count = dry.shape[-1]
+    # The convolution's end wraps around to the first half, which is not heard.
+    spectrum = torch.fft.rfft(dry)[:, None] * torch.fft.rfft(responses, n=count)
+    heard: Tensor = torch.fft.irfft(spectrum, n=count)
+    return heard[..., count // 2 :]
 
 
 def unpack(packed: Tensor) -> Tensor:

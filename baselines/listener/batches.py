@@ -9,6 +9,9 @@ sounds. Where a picture has too few siblings, sounds are made for it:
 - *elsewhere*: the sound of a category that is in view, from a lateral angle at which none of it is; nothing is marked;
 - *mixed*: two sounds at once; what is marked is marked in either.
 
+Where the store has dry sounds, half of the sounds of one source whose impulse response is stored are *dubbed*: another
+sound of the category is heard through it, at the same level.
+
 A plan depends on (seed, step, rank) alone: a run that goes on after an interruption gets the same batches.
 """
 
@@ -38,6 +41,8 @@ VALIDATION_SHARE = 0.08
 CLEARANCE = math.radians(30.0)
 #: Share of sounds of no class among those of categories that are not in the room.
 NO_CLASS = 0.2
+#: Share of the sounds with an impulse response that are dubbed.
+DUBBED = 0.5
 #: Draws before a kind of sound that needs luck is given up for this picture.
 _DRAWS = 8
 _NUMBER = {name: number for number, name in enumerate(CATEGORIES)}
@@ -68,6 +73,7 @@ class BatchPlan:
     Attributes:
         views: (B,) pictures.
         sounds: (B·SOUNDS, 2) sounds that are added; −1: none.
+        dubs: (B·SOUNDS, 2) dry sounds that are heard in their place; −1: none.
         truths: (B·SOUNDS, 2) sounds whose masks are united; −1: none.
         audible: (B·SOUNDS, categories + 1) bool; the last one: a sound of no class.
         kinds: (B·SOUNDS,) of `SoundKind`.
@@ -75,6 +81,7 @@ class BatchPlan:
 
     views: NDArray[np.int64]
     sounds: NDArray[np.int64]
+    dubs: NDArray[np.int64]
     truths: NDArray[np.int64]
     audible: NDArray[np.bool_]
     kinds: NDArray[np.int64]
@@ -180,9 +187,11 @@ class Sampler:
         audible = np.zeros((len(slots), UNKNOWN + 1), np.bool_)
         for row, slot in enumerate(slots):
             audible[row, list(slot.audible)] = True
+        sounds = np.asarray([(*slot.sounds, -1, -1)[:2] for slot in slots], np.int64)
         return BatchPlan(
             views=views,
-            sounds=np.asarray([(*slot.sounds, -1, -1)[:2] for slot in slots], np.int64),
+            sounds=sounds,
+            dubs=self._dubs(sounds, rng),
             truths=np.asarray([(*slot.truths, -1, -1)[:2] for slot in slots], np.int64),
             audible=audible,
             kinds=np.asarray([slot.kind for slot in slots], np.int64),
@@ -192,7 +201,7 @@ class Sampler:
         """Pictures without sound: `SOUNDS` times as many as in a batch with sound, of each of which a part is seen."""
         views = self._views(step, rank, SOUNDS * self.batch)
         pairs = np.zeros((0, 2), np.int64)
-        return BatchPlan(views, pairs, pairs, np.zeros((0, UNKNOWN + 1), np.bool_), np.zeros(0, np.int64))
+        return BatchPlan(views, pairs, pairs, pairs, np.zeros((0, UNKNOWN + 1), np.bool_), np.zeros(0, np.int64))
 
     def _views(self, step: int, rank: int, count: int) -> NDArray[np.int64]:
         """The pictures of a batch: the next ones of an order that changes from epoch to epoch."""
@@ -207,6 +216,19 @@ class Sampler:
         few = rng.permutation(self.empty)[: len(self.empty) // EMPTY_PICTURES]
         order = rng.permutation(np.concatenate([self.visible, few]))
         return np.resize(order, max(len(order), count * self.ranks))
+
+    def _dubs(self, sounds: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.int64]:
+        """A dry sound of its category for some of the sounds (n, 2), −1 for the others."""
+        out = np.full_like(sounds, -1)
+        if self.store.dry is None:
+            return out
+        for place, sound in np.ndenumerate(sounds):
+            named = self._audible[sound] if sound >= 0 and self.store.table.dubbed[sound] else set()
+            if len(named) == 1 and UNKNOWN not in named and rng.random() < DUBBED:
+                known = self.store.dry.of_category[next(iter(named))]
+                if len(known):
+                    out[place] = known[rng.integers(len(known))]
+        return out
 
     def _set(self, view: int, rng: np.random.Generator) -> list[Slot]:
         """The sounds of a picture: two or three siblings where there are some, the rest made."""

@@ -112,6 +112,7 @@ def write_result(
             "command": " ".join(["avs3d", *sys.argv[1:]]),
             "seed": settings.seed,
             "began_with": settings.weights,
+            "dry_sounds": settings.dry,
             "encoder": settings.widths.encoder,
             "steps": settings.steps,
             "picture_steps": settings.picture_steps,
@@ -211,7 +212,8 @@ Marks what sounds in a picture, given one second of binaural sound. Categories: 
   {training["picture_steps"]:,} of them were of as many parts of pictures, without sound.
 - Hardware: {", ".join(training["devices"])}; {training["precision"]}; torch {training["torch"]};
   {training["minutes"]} minutes.
-- Sounds in the batches: {shares}. Random changes left out: {", ".join(training["without"]) or "none"}.
+- Sounds in the batches: {shares}; {_dubbed(training)}.
+  Random changes left out: {", ".join(training["without"]) or "none"}.
 - Log-odds of the mask less {warm["bias"]:g} are divided by {warm["mask"]:g}, of what is heard by {warm["audible"]:g};
   {marked_where(warm["threshold"], warm["share"])}, as a category where > {warm["category"]:g}.
   Of {warm["figures"]["pictures"]:,} frames by which this was chosen, the calibration error above .1 is
@@ -239,6 +241,12 @@ def _beginning(training: dict[str, Any]) -> str:
     if training.get("encoder") == "lite0":
         return f"random weights, but for an encoder of pictures that learnt from ImageNet ({PACKAGE}, Apache-2.0)"
     return "random weights"
+
+
+def _dubbed(training: dict[str, Any]) -> str:
+    if training.get("dry_sounds"):
+        return f"dubbed with the dry sounds of sha256 `{training['dry_sounds']}`"
+    return "none of them dubbed"
 
 
 def _credit(asset: dict[str, str]) -> str:

@@ -44,6 +44,7 @@ class Settings:
         widths: size of the network.
         without: names of `augment.CHANGES` that are left out, in alphabetical order.
         weights: sha256 of the weights that the run begins with; None: random ones, and of `lite` those of ImageNet.
+        dry: sha256 of the dry sounds (`dry.DrySounds`); None: none.
 
     Examples:
         >>> settings = Settings(steps=10_000, batch=64, seed=1)
@@ -63,6 +64,7 @@ class Settings:
     widths: Widths = field(default_factory=Widths)
     without: tuple[str, ...] = ()
     weights: str | None = None
+    dry: str | None = None
 
     def __post_init__(self) -> None:
         if self.steps < 1:

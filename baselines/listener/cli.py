@@ -46,6 +46,9 @@ def train() -> None:
     "small one within hours [lite].",
 )
 @click.option("--weights", type=PATH, metavar="FILE", help="Trained weights to begin with [random ones].")
+@click.option(
+    "--dry", type=PATH, metavar="FILE", help="Dry sounds that half of the frames made --with rirs are dubbed with."
+)
 @click.option("--minutes", type=click.FloatRange(0, min_open=True), help="Stop after this time; run again to go on.")
 @click.option("--stop-at", type=click.IntRange(1), metavar="STEP", help="Stop after this step; run again to go on.")
 @click.option(

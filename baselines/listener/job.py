@@ -20,6 +20,7 @@ from baselines.listener.batches import SOUNDS, Sampler
 from baselines.listener.calibration import calibrate
 from baselines.listener.card import RunMachine, write_result
 from baselines.listener.checkpoint import Settings
+from baselines.listener.dry import read_dry
 from baselines.listener.lite import installed_weights
 from baselines.listener.model import SIZES
 from baselines.listener.shards import ShardStore
@@ -55,6 +56,7 @@ class TrainingOptions:
     cache: Path | None = None
     calibrate_on: Path | None = None
     weights: Path | None = None
+    dry: Path | None = None
 
 
 def make_fabric(job: TrainingOptions, precision: str) -> Any:
@@ -112,16 +114,20 @@ def run_job(job: TrainingOptions, precision: str, *, progress: bool = False) -> 
     fabric = make_fabric(job, precision)
     fabric.launch()
     begun = read_weights(job.weights) if job.weights else None
+    dry = read_dry(job.dry) if job.dry else None
     # The settings are checked before minutes are spent on reading.
     settings = Settings(
         steps=job.steps or job.picture_steps + 1, picture_steps=job.picture_steps, batch=job.batch, rate=job.rate,
         homes=job.homes, seed=job.seed, widths=begun.network.widths if begun else SIZES[job.size or "lite"],
         without=tuple(sorted(set(job.without))), weights=begun.digest if begun else None,
+        dry=dry.digest if dry else None,
     )  # fmt: skip
     if begun is None and settings.widths.encoder == "lite0":
         installed_weights()
     reading: dict[str, Any] = {"workers": job.workers, "progress": progress}
-    store = prepare(job.data, job.cache or job.folder / CACHE, fabric, **reading)
+    store = replace(prepare(job.data, job.cache or job.folder / CACHE, fabric, **reading), dry=dry)
+    if dry and not any(store.table.dubbed):
+        raise UsageError(f"--dry {job.dry}: no frame of {job.data} has an impulse response; make them --with rirs")
     # Now, not after hours of training: the shards may be missing or damaged.
     tuning = prepare(job.calibrate_on, job.folder / CALIBRATION, fabric, **reading) if job.calibrate_on else None
     if not job.steps:

@@ -34,6 +34,7 @@ from avs3d_bench.exports.shard_files import ShardFile, list_shards
 from avs3d_bench.formats.files import write_json
 from avs3d_bench.formats.staging import staged_folder
 from avs3d_bench.runtime.parallel import advance, process_each
+from baselines.listener.dry import DrySounds
 
 #: Side of the pictures the network works on; of those that are stored where frames are larger, so that parts of them
 #: are sharp (pixels).
@@ -42,7 +43,7 @@ FINE = 2 * SIDE
 #: Sides to which pictures are resized when the trained network looks at them (pixels).
 LOOK_SIDES = (SIDE, FINE, 3 * SIDE)
 #: Changes when the stored arrays do: folders of other versions are written again.
-VERSION = 3
+VERSION = 4
 TABLE = "table.json"
 #: How a table begins, which may be replaced: its fields are sorted.
 _TABLE_SIGNATURE = Signature(start=b'{\n "audible": ')
@@ -53,6 +54,8 @@ _REQUIRED = {
     "mask.png": "mask",
     "instances.png": "instance ids",
 }
+#: Of them, those of the picture; siblings share them.
+_OF_PICTURE = ("json", "rgb.png", "instances.png")
 _CLASS = {name: number for number, name in enumerate(CATEGORIES, start=1)}
 #: Bytes of zeros at the end of a whole tar archive.
 _END = 2 * tarfile.BLOCKSIZE
@@ -72,6 +75,7 @@ class FrameEntry:
         camera: fx, fy, cx, cy as shares of the picture's width and height.
         width: of the picture (pixels).
         instances: (id, class) of the instances of the seven categories.
+        response: member with the impulse response of the only audible source; None if there is none, or several.
         members: name → (offset, size) in the shard.
     """
 
@@ -84,6 +88,7 @@ class FrameEntry:
     camera: tuple[float, float, float, float]
     width: int
     instances: tuple[tuple[int, int], ...]
+    response: str | None
     members: dict[str, tuple[int, int]]
 
 
@@ -100,6 +105,7 @@ class ShardTable:
         audible: of each sound, the categories that are heard.
         others: of each sound, whether a sound of no class is heard.
         lateral: of each sound, the lateral angle of its only audible source (rad), None if there is none or several.
+        dubbed: of each sound, whether the impulse response of its only audible source is stored.
         groups: of each picture, the group and frame.
         homes: of each picture.
         cameras: of each picture, see `FrameEntry`.
@@ -114,6 +120,7 @@ class ShardTable:
     audible: list[list[str]]
     others: list[bool]
     lateral: list[float | None]
+    dubbed: list[bool]
     groups: list[str]
     homes: list[str]
     cameras: list[list[float]]
@@ -132,6 +139,9 @@ class ShardStore:
         masks: (N, side, side / 8) uint8: the mask of what sounds, eight pixels a byte.
         marked: (N,) int32: pixels of the mask.
         extents: (P, 7, 2) float32: lowest and highest lateral angle at which a category is visible (rad), NaN if not.
+        responses: (N, 2, 44100) float16 impulse responses with a peak of 1, zeros where `ShardTable.dubbed` says no;
+            (0, 2, 44100) if no frame has one.
+        dry: sounds that may sound through them in place of the source's own; None: its own alone.
     """
 
     table: ShardTable
@@ -141,9 +151,11 @@ class ShardStore:
     masks: NDArray[np.uint8]
     marked: NDArray[np.int32]
     extents: NDArray[np.float32]
+    responses: NDArray[np.float16]
+    dry: DrySounds | None = None
 
 
-def _shapes(views: int, sounds: int, side: int = SIDE) -> dict[str, tuple[tuple[int, ...], Any]]:
+def _shapes(views: int, sounds: int, side: int = SIDE, responses: int = 0) -> dict[str, tuple[tuple[int, ...], Any]]:
     return {
         "pictures": ((views, side, side, 3), np.uint8),
         "classes": ((views, side, side), np.uint8),
@@ -151,6 +163,7 @@ def _shapes(views: int, sounds: int, side: int = SIDE) -> dict[str, tuple[tuple[
         "masks": ((sounds, side, math.ceil(side / 8)), np.uint8),
         "marked": ((sounds,), np.int32),
         "extents": ((views, len(CATEGORIES), 2), np.float32),
+        "responses": ((responses, 2, layout.SAMPLE_RATE), np.float16),
     }
 
 
@@ -205,7 +218,10 @@ def _entry(path: Path, key: str, members: dict[str, tuple[int, int]], data: byte
     offset, size = members["json"]
     try:
         facts = json.loads(data[offset : offset + size])
-        audible, other, lateral = _heard(facts)
+        audible, other, lateral, source = _heard(facts)
+        response = next(
+            (name for name in ("rir.npz", f"{source}.rir.npz") if source is not None and name in members), None
+        )
         (fx, _, cx), (_, fy, cy), _ = facts["intrinsics"]
         width, height = facts["width"], facts["height"]
         return FrameEntry(
@@ -218,32 +234,33 @@ def _entry(path: Path, key: str, members: dict[str, tuple[int, int]], data: byte
             camera=(fx / width, fy / height, cx / width, cy / height),
             width=int(width),
             instances=tuple((i["id"], _CLASS[i["category"]]) for i in facts["instances"] if i["category"] in _CLASS),
-            members={name: members[name] for name in _REQUIRED},
+            response=response,
+            members={name: members[name] for name in (*_REQUIRED, *([response] if response else []))},
         )
     except (KeyError, TypeError, ValueError) as error:
         kind = type(error).__name__
         raise Avs3dError(f"{path}: {key}.json lacks facts or is damaged ({kind}: {error}); export it again") from None
 
 
-def _heard(facts: dict[str, Any]) -> tuple[tuple[str, ...], bool, float]:
-    """The audible categories, whether something of no class is heard, and the lateral angle of the only source.
+def _heard(facts: dict[str, Any]) -> tuple[tuple[str, ...], bool, float, str | None]:
+    """The audible categories, whether something of no class is heard, and the only source: lateral angle and id.
 
-    The angle is NaN if there is no source, or several.
+    The angle is NaN and the id None if there is no source, or several.
     """
     if "audible" in facts:
         category = {source["id"]: source["category"] for source in facts["sources"]}
         names = [category[each["source"]] for each in facts["audible"]]
         first = facts["sources"][0]["id"] if facts["sources"] else None
-        only = [each["source"] for each in facts["audible"]] == [first]
+        only = first is not None and [each["source"] for each in facts["audible"]] == [first]
     else:
         loudest = max(facts["rms_left"], facts["rms_right"])
         only = loudest > 10 ** (AUDIBLE_LEVEL_DB / 20)
-        names = [facts["category"]] if only else []
+        names, first = ([facts["category"]] if only else []), "source_1"
     azimuth, elevation = facts["azimuth"], facts["elevation"]
     known = only and azimuth is not None and elevation is not None
     lateral = math.asin(math.sin(math.radians(azimuth)) * math.cos(math.radians(elevation))) if known else math.nan
     known_names = {name for name in names if name in _CLASS}
-    return tuple(sorted(known_names)), bool(set(names) - known_names), lateral
+    return tuple(sorted(known_names)), bool(set(names) - known_names), lateral, first if only else None
 
 
 def read_store(
@@ -281,7 +298,9 @@ def read_store(
         view = table.view[number]
         jobs.setdefault(path, []).append((number, view if first[view] == number else None, entry))
     with staged_folder(folder, refuse_others) as fresh:
-        for name, (shape, kind) in _shapes(len(table.groups), len(table.keys), table.side).items():
+        count = len(table.keys)
+        shapes = _shapes(len(table.groups), count, table.side, count if any(table.dubbed) else 0)
+        for name, (shape, kind) in shapes.items():
             np.lib.format.open_memmap(fresh / f"{name}.npy", "w+", dtype=kind, shape=shape).flush()
         decode = partial(_decode_shard, fresh)
         sizes = [len(job) for job in jobs.values()]
@@ -344,6 +363,7 @@ def _table(digest: str, entries: Sequence[FrameEntry]) -> tuple[ShardTable, list
         audible=[list(entry.audible) for entry in entries],
         others=[entry.other for entry in entries],
         lateral=[None if math.isnan(entry.lateral) else entry.lateral for entry in entries],
+        dubbed=[entry.response is not None for entry in entries],
         groups=[entry.group for entry in shown],
         homes=[entry.home for entry in shown],
         cameras=[list(entry.camera) for entry in shown],
@@ -359,7 +379,7 @@ def _decode_shard(folder: Path, job: tuple[Path, list[tuple[int, int | None, Fra
     side = arrays["classes"].shape[1]
     with path.open("rb") as stream:
         for done, (number, view, entry) in enumerate(frames, start=1):
-            wanted = [name for name in _REQUIRED if view is not None or name in ("binaural.wav", "mask.png")]
+            wanted = [name for name in entry.members if view is not None or name not in _OF_PICTURE]
             raw: dict[str, Any] = {"__key__": f"{path}: {entry.key}"}
             for name in wanted:
                 offset, size = entry.members[name]
@@ -370,6 +390,8 @@ def _decode_shard(folder: Path, job: tuple[Path, list[tuple[int, int | None, Fra
                 shape = sample["binaural"].shape
                 raise Avs3dError(f"{path}: {entry.key}: sound of shape {shape}, expected (2, {layout.SAMPLE_RATE})")
             arrays["sounds"][number] = sample["binaural"]
+            if entry.response:
+                arrays["responses"][number] = _response(sample)
             mask = fit(sample["mask"].astype(np.uint8), side, cv2.INTER_NEAREST)
             arrays["masks"][number], arrays["marked"][number] = np.packbits(mask, axis=-1), np.count_nonzero(mask)
             if view is not None:
@@ -381,6 +403,17 @@ def _decode_shard(folder: Path, job: tuple[Path, list[tuple[int, int | None, Fra
                 arrays["classes"][view] = fit(lookup[sample["instance_ids"]], side, cv2.INTER_NEAREST)
                 arrays["extents"][view] = extents(arrays["classes"][view], entry.camera)
             advance(done, len(frames))
+
+
+def _response(sample: dict[str, Any]) -> NDArray[np.float32]:
+    """(2, 44100) the first second of the impulse response of a decoded sample that has one, with a peak of 1."""
+    whole = sample.get("impulse_response")
+    if whole is None:
+        (whole,) = sample["impulse_responses"].values()
+    first = whole[:, : layout.SAMPLE_RATE]
+    out = np.zeros((2, layout.SAMPLE_RATE), np.float32)
+    out[:, : first.shape[1]] = first / max(float(np.abs(first).max()), 1e-20)
+    return out
 
 
 def fit(pixels: NDArray[np.uint8], side: int, how: int) -> NDArray[np.uint8]:

@@ -39,7 +39,8 @@ def view_plan(table: ShardTable, view: int, sounds: list[int]) -> BatchPlan:
     audible = np.asarray(
         [[*(name in table.audible[sound] for name in CATEGORIES), table.others[sound]] for sound in sounds], np.bool_
     )
-    return BatchPlan(np.asarray([view], np.int64), pair, pair, audible, np.full(len(sounds), SoundKind.OWN, np.int64))
+    own = np.full(len(sounds), SoundKind.OWN, np.int64)
+    return BatchPlan(np.asarray([view], np.int64), pair, np.full_like(pair, -1), pair, audible, own)
 
 
 @contextmanager

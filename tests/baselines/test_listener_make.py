@@ -44,6 +44,7 @@ def command_of(arguments: list[str]) -> tuple[click.Command, list[str]]:
         listener_ablation,
         listener_best,
         listener_classes,
+        listener_dry,
         listener_page,
         listener_seeds,
         listener_tables,
@@ -59,6 +60,7 @@ def command_of(arguments: list[str]) -> tuple[click.Command, list[str]]:
         "listener_page": listener_page.main,
         "listener_seeds": listener_seeds.main,
         "recorded_manifests": recorded_manifests.main,
+        "listener_dry": listener_dry.main,
     }
     name = arguments[2].removeprefix("benchmarks.")
     return modules[name], arguments[4 if name == "listener_ablation" else 3 :]
@@ -78,7 +80,7 @@ def test_every_step_is_a_command_with_options_that_exist(tmp_path: Path, gpus: i
     trained = {"listener_training": 2, "listener_ablation": 3 if gpus else 2}
     # 6 rows of seeds, EchoSegnet; without BEST_TESTS the best seed has no others.
     scored = {"listener_tables": 7, "listener_classes": 6, "listener_best": 2, "listener_seeds": 2, "listener_page": 1}
-    made = {"recorded_manifests": 1, "tracer": 3 + 2 + 2, "analytic": 1, "soundspaces": 1}
+    made = {"recorded_manifests": 1, "listener_dry": 1, "tracer": 3 + 2 + 2, "analytic": 1, "soundspaces": 1}
     assert steps == {**made, **trained, **scored}
     assert any("pathtraced" in arguments for arguments in found) == bool(gpus)
     assert sum(arguments[-1] != "" and "--hrtf" in arguments for arguments in found) == 1
@@ -101,7 +103,7 @@ def test_what_is_there_is_not_made_again(tmp_path: Path) -> None:
     (tmp_path / "manifests").mkdir()
     (tmp_path / "run" / "seed0").mkdir(parents=True)
     parts = [f"train-{part}.done" for part in ("pathtraced", "tracer", "analytic", "recorded")]
-    names = ["kernels.done", "manifests/train-recorded.yaml", *parts, "tune.done", "decoded.done"]
+    names = ["kernels.done", "manifests/train-recorded.yaml", *parts, "tune.done", "decoded.done", "dry.npz"]
     for name in (*names, "run/seed0/listener.safetensors", "test-demo.done", "ablation.done"):
         (tmp_path / name).touch()
     left = [arguments[2].removeprefix("benchmarks.") for arguments in commands(tmp_path, "TESTS=demo", "SEEDS=0")]
