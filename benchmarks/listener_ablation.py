@@ -82,7 +82,7 @@ class Arm:
     every_voice: bool = False
 
 
-_SOUNDS = ("disguise", "eq", "band", "gain", "noise", "codec", "decay", "ears")
+_SOUNDS = ("disguise", "eq", "band", "gain", "noise", "codec", "decay", "ears", "timing")
 _PICTURES = ("clutter", "blur", "colour", "grain", "jpeg")
 #: Title in the docs → arm, in the order in which they are trained.
 ARMS = {

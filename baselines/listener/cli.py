@@ -15,8 +15,8 @@ from avs3d_bench.errors import UsageError
 _PRECISION = {"bf16": "bf16-mixed", "fp32": "32-true"}
 #: `baselines.listener.augment.CHANGES`, without the time that its import takes.
 _CHANGES = (
-    "disguise", "gain", "noise", "eq", "ears", "band", "codec", "decay", "clutter", "colour", "blur", "grain",
-    "jpeg",
+    "disguise", "gain", "noise", "eq", "ears", "timing", "band", "codec", "decay", "clutter", "colour", "blur",
+    "grain", "jpeg",
 )  # fmt: skip
 #: Epochs of a run that names neither steps nor epochs.
 _EPOCHS = 30

@@ -1,8 +1,10 @@
 """Random changes of sounds that keep their direction: times and levels between the ears stay, what is heard differs.
 
 Microphones, rooms and codecs change a recording's spectrum and its decay, never the direction of its source. So all
-gains here are without phase and, but for the small differences between heads, the same for both ears. Each change has a
-name (`SOUND_CHANGES`) with which a run leaves it out.
+gains here are without phase and, but for the small differences between heads, the same for both ears. `timing` alone
+moves what is heard above some hundred hertz, as engines do whose heads have natural delays below it alone; the delay
+below and the levels still say where the sound is. Each change has a name (`SOUND_CHANGES`) with which a run leaves it
+out.
 """
 
 from __future__ import annotations
@@ -18,12 +20,15 @@ from avs3d_bench.contract.layout import SAMPLE_RATE
 from baselines.listener.features import HIGHEST, LOWEST, WINDOW
 
 #: Names of the changes; see the functions.
-SOUND_CHANGES = ("gain", "noise", "eq", "ears", "band", "codec", "decay")
+SOUND_CHANGES = ("gain", "noise", "eq", "ears", "timing", "band", "codec", "decay")
 #: Range of gains (dB).
 GAIN_DB = 6.0
 #: Points of the spectrum with a random gain, log-spaced, and its standard deviation (dB): of both ears together, as
 #: rooms and engines differ, and of each ear, as heads differ.
 EQUALISED, TOGETHER_DB, APART_DB = 10, 3.0, 1.0
+#: Share of sounds with another delay between the ears at high frequencies, by how much at most (s), and where the
+#: octave ends within which it rises (Hz).
+MISTIMED, DELAY_S, TIMED_HZ = 0.25, 3e-4, (400.0, 2000.0)
 #: Share of sounds with a strong response, its largest tilt from end to end, and depth and number of its notches (dB).
 COLOURED, TILT_DB, NOTCH_DB, NOTCHES = 0.6, 12.0, 12.0, 3
 #: Share of sounds whose spectrum ends early, where (Hz), and the same of its beginning.
@@ -69,6 +74,8 @@ def changed_sounds(sounds: Tensor, generator: torch.Generator, without: Collecti
     if not {"codec", "decay"} <= set(without):
         out = windowed(out, generator, without)
     out = equalised(out, generator, without)
+    if "timing" not in without:
+        out = mistimed(out, generator)
     if "gain" not in without:
         out = out * (10 ** (uniform(generator, count, -GAIN_DB, GAIN_DB) / 20))[:, None, None]
     return out if "noise" in without else noisy(out, generator)
@@ -109,6 +116,21 @@ def equalised(sounds: Tensor, generator: torch.Generator, without: Collection[st
         decibels = decibels + _limits(len(sounds), frequency, generator)[:, None]
     gain = torch.exp(decibels * (math.log(10) / 20))
     out: Tensor = torch.fft.irfft(torch.fft.rfft(sounds) * gain, sounds.shape[-1])
+    return out
+
+
+def mistimed(sounds: Tensor, generator: torch.Generator) -> Tensor:
+    """Some sounds with another delay between the ears above a corner: an all-pass filter at each ear."""
+    count, length = len(sounds), sounds.shape[-1]
+    low, high = TIMED_HZ
+    corner = low * (high / low) ** uniform(generator, count)[:, None]
+    chosen = (uniform(generator, count) < MISTIMED)[:, None]
+    rise = (1 + torch.log2(_frequencies(sounds) / corner)).clamp(0, 1)
+    delay = rise * chosen * uniform(generator, count, -DELAY_S, DELAY_S)[:, None]
+    # The phase whose slope is the delay, half of it at each ear.
+    phase = torch.cumsum(delay, dim=-1) * (math.pi * SAMPLE_RATE / length)
+    turn = torch.polar(torch.ones_like(phase), phase)
+    out: Tensor = torch.fft.irfft(torch.fft.rfft(sounds) * torch.stack([turn, turn.conj()], dim=1), length)
     return out
 
 

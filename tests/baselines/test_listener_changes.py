@@ -47,14 +47,34 @@ def heard_at(sounds: Any) -> Any:
     return GRID[response[:, direction.VOTES].argmax(dim=1)]
 
 
-def test_no_change_moves_a_sound() -> None:
+def test_no_change_but_timing_moves_a_sound() -> None:
     sounds = torch.stack([bursts(angle, seed) for seed, angle in enumerate((-45, -20, 0, 20, 45, 60))])
     before = heard_at(sounds)
     for seed in range(3):
-        after = heard_at(sound_changes.changed_sounds(sounds, torch.Generator().manual_seed(seed)))
+        after = heard_at(sound_changes.changed_sounds(sounds, torch.Generator().manual_seed(seed), ("timing",)))
         assert (after - before).abs().max() <= 9
     disguise = sound_changes.disguised(sounds, sounds.roll(1, 0))
     assert (heard_at(disguise) - before).abs().max() <= 9
+
+
+def test_timing_moves_high_frequencies_alone_and_changes_no_level() -> None:
+    click = torch.zeros(60, 2, 8192)
+    click[:, :, 4000] = 1.0
+    found = torch.fft.rfft(sound_changes.mistimed(click, torch.Generator().manual_seed(0)))
+    frequency = torch.fft.rfftfreq(8192, 1 / 44_100)
+    # Of a click, the phase between the ears from bin to bin is the delay.
+    between = (found[:, 0] * found[:, 1].conj()).angle()
+    slope = (torch.diff(between) + math.pi) % (2 * math.pi) - math.pi
+    delay = slope * 8192 / (2 * math.pi * 44_100)
+    torch.testing.assert_close(found[..., 1:-1].abs(), torch.ones_like(found[..., 1:-1].abs()), atol=1e-3, rtol=0)
+    low, high = frequency[1:] < 190, (frequency[1:] > 2050) & (frequency[1:] < 15_000)
+    assert delay[:, low].abs().max() < 2e-6
+    moved = delay[:, high].mean(dim=1)
+    assert (delay[:, high] - moved[:, None]).abs().max() < 5e-6
+    assert 0.1 < (moved.abs() > 5e-6).float().mean() < 0.4
+    assert 2e-4 < moved.abs().max() < 3e-4 + 5e-6
+    assert (moved > 5e-6).any()
+    assert (moved < -5e-6).any()
 
 
 @pytest.mark.parametrize("name", sound_changes.SOUND_CHANGES)
