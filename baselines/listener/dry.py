@@ -7,8 +7,6 @@ from as many units, voices and recordings as there are, at the cost of a convolu
 
 from __future__ import annotations
 
-import hashlib
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,7 +18,7 @@ from numpy.typing import NDArray
 from avs3d_bench.contract.layout import SAMPLE_RATE
 from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.formats.files import write_bytes
+from avs3d_bench.formats.files import atomic_path, sha256_file
 
 #: Samples of an excerpt: the second that is heard, and the one before it, which still reverberates.
 EXCERPT = 2 * SAMPLE_RATE
@@ -48,9 +46,8 @@ class DrySounds:
 
 def write_dry(path: str | Path, samples: NDArray[np.float16], categories: Sequence[int]) -> None:
     """Write excerpts (`DrySounds`) into a file, in NumPy's format ``npz``."""
-    held = io.BytesIO()
-    np.savez(held, samples=samples, categories=np.asarray(categories, np.int64))
-    write_bytes(Path(path), held.getvalue())
+    with atomic_path(Path(path)) as temporary, temporary.open("wb") as stream:
+        np.savez(stream, samples=samples, categories=np.asarray(categories, np.int64))
 
 
 def read_dry(path: str | Path) -> DrySounds:
@@ -61,8 +58,7 @@ def read_dry(path: str | Path) -> DrySounds:
     """
     expected = "expected dry sounds (python -m benchmarks.listener_dry -o FILE)"
     try:
-        data = Path(path).read_bytes()
-        with np.load(io.BytesIO(data)) as archive:
+        with np.load(path) as archive:
             samples, categories = archive["samples"], archive["categories"]
     except Exception as error:
         raise Avs3dError(f"{path}: cannot be read ({error}); {expected}") from None
@@ -71,4 +67,4 @@ def read_dry(path: str | Path) -> DrySounds:
         raise Avs3dError(f"{path}: {samples.dtype} samples of shape {samples.shape}; {expected}")
     if categories.min() < 0 or categories.max() >= len(CATEGORIES):
         raise Avs3dError(f"{path}: a category has a number beyond the {len(CATEGORIES)} of the benchmark; {expected}")
-    return DrySounds(samples, categories, hashlib.sha256(data).hexdigest())
+    return DrySounds(samples, categories, sha256_file(Path(path)))
