@@ -160,7 +160,7 @@ INPUTS = {
     "array", "lock", "path", "data", "weights", "listener_weights", "checkpoint", "boxes_checkpoint", "sam_checkpoint",
     "similarity_checkpoint", "folder", "verified", "index", "file", "splats", "source",
     "questions", "answers", "practice", "clap_checkpoint", "sam3_checkpoint", "grounding_dino_checkpoint",
-    "sam2_checkpoint", "calibrate_on", "soft_masks",
+    "sam2_checkpoint", "calibrate_on", "soft_masks", "dry",
 }  # fmt: skip
 
 
