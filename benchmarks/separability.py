@@ -106,7 +106,9 @@ def prepared(of: Callable[[Array], Any], samples: NDArray[np.floating], change: 
     """`features` or `log_mel` of clips (n, 44100) after one of `CHANGES`, in processes (None: one per core)."""
     from sklearn.utils.parallel import Parallel, delayed
 
-    parts = Parallel(n_jobs=workers or -1)(delayed(_prepared)(of, part, change) for part in _chunks(samples))
+    # Parts are sent, not laid down: a second copy of all of them in memory that is shared would be as large.
+    ask = Parallel(n_jobs=workers or -1, max_nbytes=None)
+    parts = ask(delayed(_prepared)(of, part, change) for part in _chunks(samples))
     return np.concatenate(parts)
 
 
