@@ -116,8 +116,8 @@ def _prepared(of: Callable[[Array], Any], part: NDArray[np.floating], change: st
     return of(np.stack([CHANGES[change](clip) for clip in part]))
 
 
-def of_voices(split: str, seed: int, units: int, workers: int | None) -> Clips:
-    """Seconds of all voices of a split, dry and reverberant; every unit is another one."""
+def of_voices(split: str, seed: int, units: int, workers: int | None) -> list[Clips]:
+    """Seconds of each voice of a split, dry and reverberant; every unit is another one."""
     tasks = [
         (number, voice.name, (seed, number, place), units)
         for number, category in enumerate(CATEGORIES)
@@ -125,17 +125,17 @@ def of_voices(split: str, seed: int, units: int, workers: int | None) -> Clips:
         if voice.split == split
     ]
     found = dict(process_each(_of_voice, tasks, workers=workers, label=f"{split} voices"))
-    return _clips([one for task in tasks for one in found.pop(task)])
+    return [found[task] for task in tasks]
 
 
-def _of_voice(task: tuple[int, str, tuple[int, ...], int]) -> list[Second]:
+def _of_voice(task: tuple[int, str, tuple[int, ...], int]) -> Clips:
     number, name, seed, units = task
     rng, category = np.random.default_rng(seed), CATEGORIES[number]
     found = []
     for unit in range(units):
         signal = np.asarray(synthesise(category, SECONDS, rng, name), dtype=np.float64)
         found += _seconds(signal, rng, f"{category}/{name}/{unit}")
-    return found
+    return _clips(found)
 
 
 def of_recordings(folder: Path, seed: int) -> Clips:
@@ -176,20 +176,22 @@ def of_lock(split: str, seed: int, units: int | None = None) -> Clips:
     return _clips(found)
 
 
-def joined(*clips: Clips) -> Clips:
-    """Several sets of clips as one."""
-    samples, labels = (np.concatenate([getattr(one, name) for one in clips]) for name in ("samples", "labels"))
-    return Clips(samples, labels, [name for one in clips for name in one.names])
+def joined(clips: list[Clips]) -> Clips:
+    """Several sets of clips as one. Each leaves the list as it is copied: two copies of all would take 23 GB."""
+    samples = np.empty((sum(len(one.names) for one in clips), SAMPLE_RATE), np.float32)
+    labels: list[NDArray[np.int64]] = []
+    names: list[str] = []
+    while clips:
+        one = clips.pop(0)
+        samples[len(names) : len(names) + len(one.names)] = one.samples
+        labels.append(one.labels)
+        names += one.names
+    return Clips(samples, np.concatenate(labels), names)
 
 
-def _clips(found: list[Second]) -> Clips:
-    """The seconds as one array, whose parts take the place of those in ``found``: two copies would take 23 GB."""
-    samples = np.empty((len(found), SAMPLE_RATE), np.float32)
-    for number, (second, *rest) in enumerate(found):
-        samples[number] = second
-        found[number] = (samples[number], *rest)
-    _, labels, names = zip(*found, strict=True)
-    return Clips(samples, np.array(labels), list(names))
+def _clips(found: Sequence[Second]) -> Clips:
+    samples, labels, names = zip(*found, strict=True)
+    return Clips(np.stack(samples), np.array(labels), list(names))
 
 
 def _seconds(signal: Array, rng: np.random.Generator, name: str) -> list[Second]:
@@ -539,9 +541,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # Recordings first: where they are missing, that is said before minutes go into voices.
     learnt = [of_lock("train", 4, options.units)] if options.learn_recordings else []
     heard = of_lock("test", 3) if options.learn_recordings else of_recordings(options.recordings, 3)
-    train = joined(of_voices("train", 0, options.units, options.workers), *learnt)
+    train = joined([*of_voices("train", 0, options.units, options.workers), *learnt])
     sets = {
-        split: of_voices(split, 1 + n, options.asked, options.workers) for n, split in enumerate(("validation", "test"))
+        split: joined(of_voices(split, 1 + n, options.asked, options.workers))
+        for n, split in enumerate(("validation", "test"))
     }
     sets["recordings"] = heard
     report: dict[str, Verdicts] = {}

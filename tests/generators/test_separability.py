@@ -144,14 +144,13 @@ def test_recordings_of_a_split_are_those_in_the_store_each_with_as_many_excerpts
         }
     assert {len(clips.names) for clips in (several, once)} == {80, 8}, "2 × 2 × 2 × 10 s, and 2 × 2 × 2.5 s"
     assert {CATEGORIES[label] for label in several.labels} == {entry.category for entry in entries}
-    both = separability.joined(several, once)
+    both = separability.joined([several, once])
     assert (len(both.samples), both.names) == (88, several.names + once.names)
 
 
 def test_who_is_asked_is_asked_dry_and_reverberant_and_the_verdict_has_both() -> None:
-    clips = separability._of_voice((5, "longcase", (1,), 1))
-    assert {name for *_, name in clips} == {f"clock/longcase/0/{state}" for state in separability.STATES}
-    asked = separability._clips(clips)
+    asked = separability._of_voice((5, "longcase", (1,), 1))
+    assert set(asked.names) == {f"clock/longcase/0/{state}" for state in separability.STATES}
     levels = np.sqrt(np.mean(np.square(asked.samples), axis=1))
     np.testing.assert_allclose(levels, 1.0, atol=1e-5)
     dry = asked.states == "dry"
