@@ -36,7 +36,7 @@ SHARE_best ?= 36
 # begins as many threads as it has cores. Without it a program has all cores.
 
 # Of `avs3d generate` for all parts.
-TRAIN_OPTIONS ?= --size 504 --frames 12 --with rirs
+TRAIN_OPTIONS ?= --size 504 --frames 12 $(DRY:%=--with rirs)
 # After this time a part of the training data is what has been made of it; without a number it is made whole.
 DATA_MINUTES ?=
 # Homes and voices for validation, by which thresholds and temperatures are chosen, and other options of `generate` for it.
@@ -73,6 +73,7 @@ SHARDS := $(LISTENER)/train
 CARDS := $(SEEDS:%=$(LISTENER)/run/seed%/listener.safetensors)
 SCORED := $(foreach test,$(TESTS),$(SEEDS:%=$(LISTENER)/rows-%-$(test).done))
 BEST = $$($(PYTHON) -m benchmarks.listener_best $(patsubst %/listener.safetensors,%,$(CARDS)))
+DRY = $(if $(filter-out 0,$(DRY_UNITS)),$(LISTENER)/dry.npz)
 share = $(shell echo $$(( ($(WORKERS) * $1 + 99) / 100 )))
 # $(call on,N): one GPU in turn, if there is any.
 on = $(if $(filter 0,$(GPUS)),,CUDA_VISIBLE_DEVICES=$$(( $1 % $(GPUS) )))
@@ -118,12 +119,11 @@ $(LISTENER)/decoded.done: $(TRAIN_PARTS:%=$(LISTENER)/train-%.done) $(LISTENER)/
 $(LISTENER)/dry.npz: | $(LISTENER)/kernels.done
 	$(call timed,dry,$(PYTHON) -m benchmarks.listener_dry -o $@ --units $(DRY_UNITS) --workers $(WORKERS))
 
-$(CARDS): $(LISTENER)/run/seed%/listener.safetensors: $(LISTENER)/decoded.done $(if $(filter-out 0,$(DRY_UNITS)),$(LISTENER)/dry.npz)
+$(CARDS): $(LISTENER)/run/seed%/listener.safetensors: $(LISTENER)/decoded.done $(DRY)
 	@mkdir -p $(@D) && ln -sfn $(abspath $(LISTENER)/tune-cache) $(@D)/calibration
 	$(call timed,seed$*,$(call on,$*) $(PYTHON) -m benchmarks.listener_training --data $(SHARDS) --cache $(LISTENER)/train-cache \
 	  --calibrate-on $(LISTENER)/tune -o $(@D) --seed $* --picture-steps $(PICTURE_STEPS) --steps $(STEPS) --manifest $(TRAIN) $(if $(WEIGHTS),--weights $(WEIGHTS)) \
-	  $(if $(filter-out 0,$(DRY_UNITS)),--dry $(LISTENER)/dry.npz) \
-	  $(if $(filter 0,$(GPUS)),--accelerator cpu) $(TRAIN_LISTENER_OPTIONS) && [ -f $@ ])
+	  $(DRY:%=--dry %) $(if $(filter 0,$(GPUS)),--accelerator cpu) $(TRAIN_LISTENER_OPTIONS) && [ -f $@ ])
 
 $(LISTENER)/ablation.done: $(LISTENER)/decoded.done
 	$(if $(filter-out 0,$(ABLATION_MINUTES)),$(call timed,ablation,$(call on,$(words $(SEEDS))) $(PYTHON) -m benchmarks.listener_ablation train \

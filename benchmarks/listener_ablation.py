@@ -44,7 +44,7 @@ from avs3d_bench.exports.observation_tar import read_head
 from avs3d_bench.exports.shard_files import list_shards
 from avs3d_bench.formats.files import read_json, write_json
 from avs3d_bench.runtime.parallel import process_each
-from baselines.listener.batches import BatchPlan, SoundKind, split_homes
+from baselines.listener.batches import split_homes
 from baselines.listener.shards import SIDE, ShardStore, ShardTable, open_store, read_store
 
 #: Figures of a set, see `figures_of`.
@@ -174,7 +174,10 @@ def part_of(store: ShardStore, sounds: Iterable[int]) -> ShardStore:
     """Some of the sounds of a store, with their pictures, in memory; its digest is that of the whole store."""
     kept = np.asarray(list(sounds), np.int64)
     views, view = np.unique(np.asarray(store.table.view, np.int64)[kept], return_inverse=True)
-    of_sounds, of_views = ("keys", "audible", "others", "lateral", "dubbed"), ("groups", "homes", "cameras", "present")
+    of_sounds, of_views = (
+        ("keys", "audible", "others", "lateral", "has_response"),
+        ("groups", "homes", "cameras", "present"),
+    )
     chosen: dict[str, Any] = {name: [getattr(store.table, name)[n] for n in kept] for name in of_sounds}
     chosen |= {name: [getattr(store.table, name)[n] for n in views] for name in of_views}
     table = replace(store.table, view=view.tolist(), **chosen)
@@ -384,11 +387,13 @@ def look_at(network: Any, bank: Any, table: ShardTable, numbers: NDArray[np.int6
     from baselines.listener.calibration import peaks_and_ious
     from baselines.listener.losses import full_size
     from baselines.listener.model import hear
+    from baselines.listener.validation import own_plan
 
     found = []
     with torch.inference_mode():
         for start in range(0, len(numbers), _BATCH):
-            batch = bank.gather(_plan(table, numbers[start : start + _BATCH]), None)
+            these = numbers[start : start + _BATCH]
+            batch = bank.gather(own_plan(table, [table.view[n] for n in these], these.tolist()), None)
             with fabric.autocast():
                 output = network(batch.pictures, hear(batch.sounds, batch.cameras, (SIDE, SIDE)))
             truth, odds = batch.masks, full_size(output.mask[:, None], (SIDE, SIDE))[:, 0]
@@ -401,15 +406,6 @@ def look_at(network: Any, bank: Any, table: ShardTable, numbers: NDArray[np.int6
             masks = peaks_and_ious(odds.float().cpu().numpy(), truth.cpu().numpy())
             found.append((*masks, *(each.cpu().numpy() for each in flags)))
     return ScoredFrames(*map(np.concatenate, zip(*found, strict=True)))
-
-
-def _plan(table: ShardTable, numbers: NDArray[np.int64]) -> BatchPlan:
-    """Frames with their own sounds."""
-    pairs = np.stack([numbers, np.full_like(numbers, -1)], axis=1)
-    audible = [[*(name in table.audible[n] for name in CATEGORIES), table.others[n]] for n in numbers]
-    views = np.asarray(table.view, np.int64)[numbers]
-    own, heard = np.full(len(numbers), SoundKind.OWN, np.int64), np.asarray(audible, np.bool_)
-    return BatchPlan(views, pairs, np.full_like(pairs, -1), pairs, heard, own)
 
 
 def surest_is_near(odds: Any, batch: Any) -> Any:

@@ -106,7 +106,7 @@ def prepared(of: Callable[[Array], Any], samples: NDArray[np.floating], change: 
     """`features` or `log_mel` of clips (n, 44100) after one of `CHANGES`, in processes (None: one per core)."""
     from sklearn.utils.parallel import Parallel, delayed
 
-    # Parts are sent, not laid down: a second copy of all of them in memory that is shared would be as large.
+    # Without `max_nbytes` joblib would copy all parts into shared memory before the first is done.
     ask = Parallel(n_jobs=workers or -1, max_nbytes=None)
     parts = ask(delayed(_prepared)(of, part, change) for part in _chunks(samples))
     return np.concatenate(parts)

@@ -76,9 +76,9 @@ class Bank:
 
     def __init__(self, store: ShardStore, device: torch.device) -> None:
         self.device = torch.device(device)
-        arrays = {name: getattr(store, name) for name in ("pictures", "classes", "sounds", "masks", "responses")}
+        arrays = {name: getattr(store, name) for name in ("pictures", "classes", "sounds", "masks")}
         if store.dry is not None:
-            arrays["dry"] = store.dry.samples
+            arrays |= {"responses": store.responses, "dry": store.dry.samples}
         self.resident = False
         if self.device.type == "cuda":
             free, _ = torch.cuda.mem_get_info(self.device)
@@ -89,7 +89,7 @@ class Bank:
         self._cameras = torch.tensor(store.table.cameras, dtype=torch.float32, device=self.device)
 
     def rows(self, name: str, index: Tensor) -> Tensor:
-        """Rows of ``pictures``, ``classes``, ``sounds``, ``masks``, ``responses`` or ``dry``, on the device."""
+        """Rows of ``pictures``, ``classes``, ``sounds`` or ``masks``, or with dry sounds ``responses`` or ``dry``."""
         source = self._tensors[name]
         return self.sent(source.index_select(0, index.to(source.device, non_blocking=True)))
 

@@ -223,7 +223,7 @@ class Sampler:
         if self.store.dry is None:
             return out
         for place, sound in np.ndenumerate(sounds):
-            named = self._audible[sound] if sound >= 0 and self.store.table.dubbed[sound] else set()
+            named = self._audible[sound] if sound >= 0 and self.store.table.has_response[sound] else set()
             if len(named) == 1 and UNKNOWN not in named and rng.random() < DUBBED:
                 known = self.store.dry.of_category[next(iter(named))]
                 if len(known):

@@ -126,7 +126,7 @@ def run_job(job: TrainingOptions, precision: str, *, progress: bool = False) -> 
         installed_weights()
     reading: dict[str, Any] = {"workers": job.workers, "progress": progress}
     store = replace(prepare(job.data, job.cache or job.folder / CACHE, fabric, **reading), dry=dry)
-    if dry and not any(store.table.dubbed):
+    if dry and not any(store.table.has_response):
         raise UsageError(f"--dry {job.dry}: no frame of {job.data} has an impulse response; make them --with rirs")
     # Now, not after hours of training: the shards may be missing or damaged.
     tuning = prepare(job.calibrate_on, job.folder / CALIBRATION, fabric, **reading) if job.calibrate_on else None

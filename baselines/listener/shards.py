@@ -105,7 +105,7 @@ class ShardTable:
         audible: of each sound, the categories that are heard.
         others: of each sound, whether a sound of no class is heard.
         lateral: of each sound, the lateral angle of its only audible source (rad), None if there is none or several.
-        dubbed: of each sound, whether the impulse response of its only audible source is stored.
+        has_response: of each sound, whether the impulse response of its only audible source is stored.
         groups: of each picture, the group and frame.
         homes: of each picture.
         cameras: of each picture, see `FrameEntry`.
@@ -120,7 +120,7 @@ class ShardTable:
     audible: list[list[str]]
     others: list[bool]
     lateral: list[float | None]
-    dubbed: list[bool]
+    has_response: list[bool]
     groups: list[str]
     homes: list[str]
     cameras: list[list[float]]
@@ -139,8 +139,8 @@ class ShardStore:
         masks: (N, side, side / 8) uint8: the mask of what sounds, eight pixels a byte.
         marked: (N,) int32: pixels of the mask.
         extents: (P, 7, 2) float32: lowest and highest lateral angle at which a category is visible (rad), NaN if not.
-        responses: (N, 2, 44100) float16 impulse responses with a peak of 1, zeros where `ShardTable.dubbed` says no;
-            (0, 2, 44100) if no frame has one.
+        responses: (N, 2, 44100) float16 impulse responses with a peak of 1, zeros where there is none (`has_response`);
+            (0, 2, 44100) if no sound has one.
         dry: sounds that may sound through them in place of the source's own; None: its own alone.
     """
 
@@ -235,7 +235,7 @@ def _entry(path: Path, key: str, members: dict[str, tuple[int, int]], data: byte
             width=int(width),
             instances=tuple((i["id"], _CLASS[i["category"]]) for i in facts["instances"] if i["category"] in _CLASS),
             response=response,
-            members={name: members[name] for name in (*_REQUIRED, *([response] if response else []))},
+            members={name: members[name] for name in (*_REQUIRED, response) if name},
         )
     except (KeyError, TypeError, ValueError) as error:
         kind = type(error).__name__
@@ -251,7 +251,7 @@ def _heard(facts: dict[str, Any]) -> tuple[tuple[str, ...], bool, float, str | N
         category = {source["id"]: source["category"] for source in facts["sources"]}
         names = [category[each["source"]] for each in facts["audible"]]
         first = facts["sources"][0]["id"] if facts["sources"] else None
-        only = first is not None and [each["source"] for each in facts["audible"]] == [first]
+        only = [each["source"] for each in facts["audible"]] == [first]
     else:
         loudest = max(facts["rms_left"], facts["rms_right"])
         only = loudest > 10 ** (AUDIBLE_LEVEL_DB / 20)
@@ -299,7 +299,7 @@ def read_store(
         jobs.setdefault(path, []).append((number, view if first[view] == number else None, entry))
     with staged_folder(folder, refuse_others) as fresh:
         count = len(table.keys)
-        shapes = _shapes(len(table.groups), count, table.side, count if any(table.dubbed) else 0)
+        shapes = _shapes(len(table.groups), count, table.side, count if any(table.has_response) else 0)
         for name, (shape, kind) in shapes.items():
             np.lib.format.open_memmap(fresh / f"{name}.npy", "w+", dtype=kind, shape=shape).flush()
         decode = partial(_decode_shard, fresh)
@@ -363,7 +363,7 @@ def _table(digest: str, entries: Sequence[FrameEntry]) -> tuple[ShardTable, list
         audible=[list(entry.audible) for entry in entries],
         others=[entry.other for entry in entries],
         lateral=[None if math.isnan(entry.lateral) else entry.lateral for entry in entries],
-        dubbed=[entry.response is not None for entry in entries],
+        has_response=[entry.response is not None for entry in entries],
         groups=[entry.group for entry in shown],
         homes=[entry.home for entry in shown],
         cameras=[list(entry.camera) for entry in shown],

@@ -73,9 +73,7 @@ def changed_sounds(sounds: Tensor, generator: torch.Generator, without: Collecti
     out = sounds if "decay" in without else livelier(sounds, generator)
     if not {"codec", "decay"} <= set(without):
         out = windowed(out, generator, without)
-    out = equalised(out, generator, without)
-    if "timing" not in without:
-        out = mistimed(out, generator)
+    out = filtered(out, generator, without)
     if "gain" not in without:
         out = out * (10 ** (uniform(generator, count, -GAIN_DB, GAIN_DB) / 20))[:, None, None]
     return out if "noise" in without else noisy(out, generator)
@@ -103,8 +101,8 @@ def noisy(sounds: Tensor, generator: torch.Generator) -> Tensor:
     return out
 
 
-def equalised(sounds: Tensor, generator: torch.Generator, without: Collection[str] = ()) -> Tensor:
-    """Sounds through a random filter without phase: another room, engine, head, microphone; times of arrival stay."""
+def filtered(sounds: Tensor, generator: torch.Generator, without: Collection[str] = ()) -> Tensor:
+    """Sounds through a random filter: another room, engine, head, microphone. It has no phase, but for `timing`."""
     frequency = _frequencies(sounds)
     decibels = torch.zeros(len(sounds), sounds.shape[1], len(frequency), device=sounds.device)
     together = 0.0 if "eq" in without else TOGETHER_DB
@@ -115,23 +113,29 @@ def equalised(sounds: Tensor, generator: torch.Generator, without: Collection[st
     if "band" not in without:
         decibels = decibels + _limits(len(sounds), frequency, generator)[:, None]
     gain = torch.exp(decibels * (math.log(10) / 20))
+    if "timing" not in without:
+        phase = _timing(len(sounds), frequency, SAMPLE_RATE / sounds.shape[-1], generator)
+        gain = torch.polar(gain, torch.stack([phase, -phase], dim=1))
     out: Tensor = torch.fft.irfft(torch.fft.rfft(sounds) * gain, sounds.shape[-1])
     return out
 
 
-def mistimed(sounds: Tensor, generator: torch.Generator) -> Tensor:
-    """Some sounds with another delay between the ears above a corner: an all-pass filter at each ear."""
-    count, length = len(sounds), sounds.shape[-1]
+def _timing(count: int, frequency: Tensor, step: float, generator: torch.Generator) -> Tensor:
+    """(B, F) phases (rad) of the left ear, with the other sign of the right one: in some, a delay above a corner.
+
+    Args:
+        count: B.
+        frequency: (F,) of the bins (Hz).
+        step: from one bin to the next (Hz).
+        generator: of random numbers.
+    """
     low, high = TIMED_HZ
     corner = low * (high / low) ** uniform(generator, count)[:, None]
     chosen = (uniform(generator, count) < MISTIMED)[:, None]
-    rise = (1 + torch.log2(_frequencies(sounds) / corner)).clamp(0, 1)
+    rise = (1 + torch.log2(frequency / corner)).clamp(0, 1)
     delay = rise * chosen * uniform(generator, count, -DELAY_S, DELAY_S)[:, None]
     # The phase whose slope is the delay, half of it at each ear.
-    phase = torch.cumsum(delay, dim=-1) * (math.pi * SAMPLE_RATE / length)
-    turn = torch.polar(torch.ones_like(phase), phase)
-    out: Tensor = torch.fft.irfft(torch.fft.rfft(sounds) * torch.stack([turn, turn.conj()], dim=1), length)
-    return out
+    return torch.cumsum(delay, dim=-1) * (math.pi * step)
 
 
 def _frequencies(sounds: Tensor) -> Tensor:

@@ -32,15 +32,22 @@ def spread(numbers: Sequence[int], most: int = MOST_PICTURES) -> list[int]:
     return [numbers[i] for i in np.linspace(0, len(numbers) - 1, min(len(numbers), most)).round().astype(int)]
 
 
-def view_plan(table: ShardTable, view: int, sounds: list[int]) -> BatchPlan:
-    """One picture with its own sounds."""
+def own_plan(table: ShardTable, views: Sequence[int], sounds: Sequence[int]) -> BatchPlan:
+    """Pictures with their own sounds, as many each, as they are.
+
+    Args:
+        table: of the store.
+        views: (B,) pictures.
+        sounds: (B·K,) sounds, K of the first picture first.
+    """
     column = np.asarray(sounds, np.int64)[:, None]
-    pair = np.concatenate([column, np.full_like(column, -1)], axis=1)
+    none = np.full_like(column, -1)
+    pair, no_dubs = np.concatenate([column, none], axis=1), np.concatenate([none, none], axis=1)
     audible = np.asarray(
         [[*(name in table.audible[sound] for name in CATEGORIES), table.others[sound]] for sound in sounds], np.bool_
     )
     own = np.full(len(sounds), SoundKind.OWN, np.int64)
-    return BatchPlan(np.asarray([view], np.int64), pair, np.full_like(pair, -1), pair, audible, own)
+    return BatchPlan(np.asarray(views, np.int64), pair, no_dubs, pair, audible, own)
 
 
 @contextmanager
@@ -75,7 +82,7 @@ def answers(
     try:
         with torch.inference_mode(), fabric.autocast(), _no_search():
             for view in views[fabric.global_rank :: fabric.world_size]:
-                batch = bank.gather(view_plan(store.table, view, of_view[view]), None)
+                batch = bank.gather(own_plan(store.table, [view], of_view[view]), None)
                 cameras = batch.cameras.expand(len(batch.sounds), -1)
                 heard = hear(batch.sounds, cameras, (batch.pictures.shape[-2], batch.pictures.shape[-1]))
                 yield network(batch.pictures, heard), batch

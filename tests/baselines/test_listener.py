@@ -117,7 +117,7 @@ def test_frames_larger_than_the_network_s_pictures_are_stored_twice_as_fine(tmp_
     mask = augment.unpack(torch.from_numpy(np.asarray(store.masks[sound][None])))
     np.testing.assert_array_equal(mask[0], shards.fit(frame.mask().astype(np.uint8), shards.FINE, cv2.INTER_NEAREST))
     bank = augment.Bank(store, torch.device("cpu"))
-    plan = validation.view_plan(store.table, store.table.view[sound], [sound])
+    plan = validation.own_plan(store.table, [store.table.view[sound]], [sound])
     whole = bank.gather(plan, None)
     assert whole.pictures.shape[-1] == whole.classes.shape[-1] == whole.masks.shape[-1] == shards.SIDE
     expected = shards.fit(frame.rgb(), shards.SIDE, cv2.INTER_AREA).transpose(2, 0, 1)
@@ -321,7 +321,7 @@ def test_parts_show_each_category_in_view_equally_often_and_keep_their_classes(m
 def test_an_equalised_sound_keeps_its_times_and_changes_its_levels() -> None:
     sounds = torch.zeros(1, 2, 44_100)
     sounds[0, 0, 1000] = sounds[0, 1, 1030] = 1.0
-    found = sound_changes.equalised(sounds, torch.Generator().manual_seed(1), ("band",))
+    found = sound_changes.filtered(sounds, torch.Generator().manual_seed(1), ("band", "timing"))
     assert found[0].argmax(dim=1).tolist() == [1000, 1030]
     gains = 20 * torch.log10(torch.fft.rfft(found).abs()[0])
     assert gains.std() > 1

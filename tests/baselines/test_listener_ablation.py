@@ -30,7 +30,7 @@ def store(keys: list[str], views: list[int]) -> ShardStore:
         version=VERSION, side=SIDE, digest="d", keys=keys, view=views, audible=[[f"{n}"] for n in range(count)],
         others=[False] * count, lateral=[float(n) for n in range(count)], groups=[f"g{n}" for n in range(shown)],
         homes=[f"h{n}" for n in range(shown)], cameras=[[0.5] * 4] * shown, present=[[]] * shown,
-        dubbed=[n > 2 for n in range(count)],
+        has_response=[n > 2 for n in range(count)],
     )  # fmt: skip
     each: dict[str, Any] = {name: np.arange(shown)[:, None] for name in ("pictures", "classes", "extents")}
     each |= {name: np.arange(count)[:, None] for name in ("sounds", "masks", "marked", "responses")}
@@ -44,7 +44,7 @@ def test_a_part_of_a_store_has_the_pictures_of_its_sounds() -> None:
     assert part.table.homes == ["h0", "h2"]
     assert part.table.lateral == [0.0, 1.0, 4.0]
     assert (part.sounds[:, 0].tolist(), part.pictures[:, 0].tolist()) == ([0, 1, 4], [0, 2])
-    assert (part.responses[:, 0].tolist(), part.table.dubbed) == ([0, 1, 4], [False, False, True])
+    assert (part.responses[:, 0].tolist(), part.table.has_response) == ([0, 1, 4], [False, False, True])
     assert part.table.digest == whole.table.digest
 
 

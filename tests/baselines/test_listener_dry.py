@@ -64,12 +64,12 @@ def test_what_is_heard_is_the_second_half_of_the_convolution() -> None:
 def test_frames_with_one_audible_source_have_its_response(data: Path, store: shards.ShardStore) -> None:
     dataset = Dataset(data.parent / "set")
     frames = {f"{key}/{frame.name}": frame for key in tiny_scenes.GROUP for frame in dataset[key].frames}
-    assert any(store.table.dubbed)
+    assert any(store.table.has_response)
     for number, key in enumerate(store.table.keys):
         one = len(store.table.audible[number]) == 1 and not store.table.others[number]
-        assert not store.table.dubbed[number] or one
+        assert not store.table.has_response[number] or one
         found = np.asarray(store.responses[number], np.float64)
-        if not store.table.dubbed[number]:
+        if not store.table.has_response[number]:
             assert not found.any()
             continue
         expected = frames[key].impulse_response("source_1")[:, :SAMPLE_RATE]
@@ -77,7 +77,7 @@ def test_frames_with_one_audible_source_have_its_response(data: Path, store: sha
         np.testing.assert_allclose(found[:, : expected.shape[1]], expected / np.abs(expected).max(), atol=1e-3)
     silent = [number for number, key in enumerate(store.table.keys) if key.startswith(tiny_scenes.SILENT)]
     both = [number for number, key in enumerate(store.table.keys) if key.startswith(tiny_scenes.BOTH)]
-    assert not any(store.table.dubbed[number] for number in silent + both)
+    assert not any(store.table.has_response[number] for number in silent + both)
 
 
 def test_half_of_the_sounds_with_a_response_are_dubbed_with_sounds_of_their_category(
@@ -89,7 +89,7 @@ def test_half_of_the_sounds_with_a_response_are_dubbed_with_sounds_of_their_cate
     for step in range(40):
         plan = sampler.plan(step)
         for sound, dub in zip(plan.sounds.ravel(), plan.dubs.ravel(), strict=True):
-            if sound < 0 or not store.table.dubbed[sound]:
+            if sound < 0 or not store.table.has_response[sound]:
                 assert dub == -1
                 continue
             possible, dubbed = possible + 1, dubbed + (dub >= 0)

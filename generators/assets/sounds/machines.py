@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import firwin2, lfilter, oaconvolve
 
@@ -62,6 +62,17 @@ def turned(speed: Array) -> Array:
 def passages(turns: Array, each: float) -> Array:
     """Times (s) at which a turning part passes one of ``each`` marks per turn."""
     return np.flatnonzero(np.diff(np.floor(turns * each)) > 0) / CONTROL_RATE
+
+
+def read_at(curve: Array, times: Array) -> Array:
+    """Values of a control curve at times (s); beyond its end, its last value."""
+    return np.asarray(curve[np.minimum((times * CONTROL_RATE).astype(np.int64), len(curve) - 1)])
+
+
+def switched(on: NDArray[np.bool_], *, rising: bool = False) -> Array:
+    """Times (s) at which a condition along control curves begins or ends to hold; ``rising``: begins to."""
+    steps = np.diff(on.astype(int))
+    return np.flatnonzero(steps > 0 if rising else steps) / CONTROL_RATE
 
 
 def bursts(count: int, times: ArrayLike, levels: ArrayLike, rise: float, fall: float) -> Array:
@@ -402,7 +413,7 @@ def synchronous_pump(count: int, rng: Generator, mains: float, body: VibratingBo
     force = np.where(np.arange(len(marks)) % 2 == 0, 1.0, rng.uniform(0.3, 0.8)) * np.exp(
         rng.normal(0, 0.35, len(marks))
     )
-    force *= 0.5 + air[np.minimum((times * CONTROL_RATE).astype(np.int64), len(air) - 1)]
+    force *= 0.5 + read_at(air, times)
     train = np.zeros(count)
     np.add.at(train, index, force)
     flow = sloped(count, rng, 250, 6000, -4.5, beyond=-9.0)

@@ -18,7 +18,6 @@ from generators.assets.sounds.devices.washing_machine_parts import (
     thumps,
 )
 from generators.assets.sounds.machines import (
-    CONTROL_RATE,
     bearing_defect,
     driven,
     drummed,
@@ -27,10 +26,12 @@ from generators.assets.sounds.machines import (
     passages,
     permanent_magnet_motor,
     plate,
+    read_at,
     rolling,
     sine,
     sloped,
     struck,
+    switched,
     synchronous_pump,
     turned,
     unbalance,
@@ -133,7 +134,7 @@ def two_speed_filling(count: int, rng: Generator) -> Array:
     hiss = sloped(count, rng, rng.uniform(700, 1300), 7000, -2.5, below=5.0, beyond=-8.0)
     pipe = driven(hiss, plate(rng, 300, 3000, 10, 0.08))
     splash = filling * (0.5 + 0.3 * np.sin(2 * np.pi * turned(wash)) ** 2)
-    relay = np.flatnonzero(np.diff((np.abs(run) > 0.3).astype(int))) / CONTROL_RATE
+    relay = switched(np.abs(run) > 0.3)
     return np.asarray(
         (0.12 * driven(motor, body) + 0.06 * motor) * expand(on, count)
         + 0.9 * rolling(count, rng, wash, 0.8, roar(count, rng, 85, -6.5))
@@ -186,13 +187,12 @@ def walking_spin(count: int, rng: Generator) -> Array:
     turns = turned(speed)
     swing = unbalance(speed, rng.uniform(4.5, 6.0), rng.uniform(0.12, 0.25)) * np.exp(wander(count, rng, 0.6, 0.25))
     moments = passages(turns + 0.05 * wander(count, rng, 3.0, 1.0), 1)
-    index = np.minimum((moments * CONTROL_RATE).astype(np.int64), len(speed) - 1)
-    excess = swing[index] - rng.uniform(0.7, 0.9)
+    excess = read_at(swing, moments) - rng.uniform(0.7, 0.9)
     # Beyond a larger swing the flight lasts longer than a turn: every second landing is missed or weak.
     skips = (excess > 0.5) & (np.arange(len(moments)) % 2 == 1)
     force = np.clip(excess, 0.0, 2.0) ** 0.7 * np.where(skips, 0.25, 1.0) * np.exp(rng.normal(0, 0.4, len(moments)))
     landed = force > 0.02
-    hits = moments[landed] + rng.uniform(0, 0.25, landed.sum()) / np.maximum(speed[index][landed], 1.0)
+    hits = moments[landed] + rng.uniform(0, 0.25, landed.sum()) / np.maximum(read_at(speed, moments)[landed], 1.0)
     feet = drummed(count, rng, plate(rng, 60, 1400, 22, 0.07, -1.5), hits, force[landed], 1.2e-3, 0.4)
     panel = drummed(count, rng, plate(rng, 500, 5200, 26, 0.02, -1.0), hits + 0.004, force[landed], 3e-4, 0.6)
     motor = universal_motor(count, rng, ratio * speed, ratio * top, int(rng.choice([20, 22])), 60.0)

@@ -18,12 +18,12 @@ from generators.assets.sounds.devices.washing_machine_parts import (
     thumps,
 )
 from generators.assets.sounds.machines import (
-    CONTROL_RATE,
     driven,
     drummed,
     induction_motor,
     passages,
     plate,
+    read_at,
     rolling,
     sloped,
     struck,
@@ -79,7 +79,7 @@ def toploader_hatch(count: int, rng: Generator) -> Array:
     body = cabinet(rng, 75, 1700, 0.05)
     motor = universal_motor(count, rng, ratio * speed, ratio * top, int(rng.choice([20, 22, 24])), 50.0)
     once = passages(turned(speed) + 0.02 * wander(count, rng, 2.0, 1.0), 1)
-    now = speed[np.minimum((once * CONTROL_RATE).astype(np.int64), len(speed) - 1)]
+    now = read_at(speed, once)
     # Beyond about two turns a second the hatch is pressed on its rim.
     force = np.clip(1.0 - (now / rng.uniform(1.6, 2.6)) ** 2, 0.0, 1.0) * np.exp(rng.normal(0, 0.4, len(once)))
     hatch = drummed(count, rng, plate(rng, 380, 4200, 18, 0.03, -0.8), once, force, 4e-4, 0.4)

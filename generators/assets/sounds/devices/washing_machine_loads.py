@@ -19,7 +19,6 @@ from generators.assets.sounds.devices.washing_machine_parts import (
 )
 from generators.assets.sounds.fans import modes, radiated, ripple, slopes
 from generators.assets.sounds.machines import (
-    CONTROL_RATE,
     bursts,
     driven,
     drummed,
@@ -27,9 +26,11 @@ from generators.assets.sounds.machines import (
     induction_motor,
     passages,
     plate,
+    read_at,
     rolling,
     sloped,
     struck,
+    switched,
     tones,
     turned,
     unbalance,
@@ -46,10 +47,9 @@ def _landings(count: int, rng: Generator, speed: Array, bundles: int) -> tuple[A
     their own, and it slips: no two turns are alike.
     """
     moments = passages(turned(speed) + 0.07 * wander(count, rng, 0.8, 1.0), bundles)
-    index = np.minimum((moments * CONTROL_RATE).astype(np.int64), len(speed) - 1)
     weights = np.exp(rng.normal(0, 0.4, bundles))[np.arange(len(moments)) % bundles]
     # Below a third of the usual speed, the load slides instead of falling.
-    force = weights * np.exp(rng.normal(0, 0.3, len(moments))) * (np.abs(speed[index]) > 0.3)
+    force = weights * np.exp(rng.normal(0, 0.3, len(moments))) * (np.abs(read_at(speed, moments)) > 0.3)
     return moments + rng.uniform(0.2, 0.35) + rng.normal(0, 0.04, len(moments)), force
 
 
@@ -71,7 +71,7 @@ def wet_tumble(count: int, rng: Generator) -> Array:
     glass = plate(rng, rng.uniform(280, 500), 3200, 14, 0.05, slope=-1.0)
     motor = induction_motor(count, rng, mains, int(rng.choice([36, 44, 48])), 6, 1.0 + wander(count, rng, 1.6, 0.2))
     on = expand(np.clip(2.0 * np.abs(run), 0.0, 1.0), count)
-    relay = np.flatnonzero(np.diff((np.abs(run) > 0.15).astype(int))) / CONTROL_RATE
+    relay = switched(np.abs(run) > 0.15)
     thuds = struck(count, rng, body, moments, force, rng.uniform(4e-3, 9e-3), spread=0.5)
     slaps = roar(count, rng, rng.uniform(250, 450), -5.0) * expand(bursts(count, moments, force, 0.015, 0.22), count)
     deep = rng.uniform(0.4, 1.0)
@@ -128,7 +128,7 @@ def built_in_spin(count: int, rng: Generator) -> Array:
     noise = rolling(count, rng, speed, top, roar(count, rng, rng.uniform(90, 190), rng.uniform(-6.0, -4.5), 6000))
     air = rolling(count, rng, speed, top, sloped(count, rng, rng.uniform(250, 600), 5000, -4.0, below=6.0))
     once = passages(turns + 0.08 * wander(count, rng, 6.0, 1.0), 1)
-    at = load[np.minimum((once * CONTROL_RATE).astype(np.int64), len(load) - 1)]
+    at = read_at(load, once)
     # It chatters in spells, where the worktop's swing lifts it.
     lifted = np.clip(at - rng.uniform(0.7, 1.1), 0.0, 1.0) * np.exp(rng.normal(0, 0.5, len(once)))
     chatter = drummed(count, rng, plate(rng, 700, 6500, 16, 0.02), once + rng.normal(0, 0.004, len(once)), lifted, 3e-4)

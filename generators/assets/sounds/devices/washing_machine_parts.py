@@ -19,6 +19,7 @@ from generators.assets.sounds.machines import (
     expand,
     passages,
     plate,
+    read_at,
     sloped,
     struck,
     turned,
@@ -109,15 +110,15 @@ def laundry(count: int, rng: Generator, speed: Array, body: VibratingBody, ribs:
     buckles click on the drum now and then.
     """
     moments = passages(turned(speed), ribs)
-    index = np.minimum((moments * CONTROL_RATE).astype(np.int64), len(speed) - 1)
-    moments = moments[(np.abs(speed[index]) > 0.2) & (np.abs(speed[index]) < 1.25)]
+    fast = np.abs(read_at(speed, moments))
+    moments = moments[(fast > 0.2) & (fast < 1.25)]
     moments = moments + rng.uniform(0.18, 0.3) + rng.normal(0, 0.06, len(moments))
     force = np.exp(rng.normal(0, 0.55, len(moments)))
     thuds = struck(count, rng, body, moments, force, rng.uniform(2e-3, 5e-3), spread=0.5)
     flaps = bursts(count, moments + rng.normal(0, 0.02, len(moments)), force, 0.02, rng.uniform(0.2, 0.4))
     lifted = rng.poisson(rng.uniform(0.2, 1.2) * count / SAMPLE_RATE)
     buttons = np.sort(rng.uniform(0, count / SAMPLE_RATE, lifted))
-    moving = np.abs(speed[np.minimum((buttons * CONTROL_RATE).astype(np.int64), len(speed) - 1)]) > 0.3
+    moving = np.abs(read_at(speed, buttons)) > 0.3
     clicks = struck(
         count,
         rng,

@@ -18,7 +18,6 @@ from generators.assets.sounds.devices.washing_machine_parts import (
 )
 from generators.assets.sounds.fans import radiated, ripple, slopes
 from generators.assets.sounds.machines import (
-    CONTROL_RATE,
     VibratingBody,
     bursts,
     driven,
@@ -27,10 +26,12 @@ from generators.assets.sounds.machines import (
     passages,
     permanent_magnet_motor,
     plate,
+    read_at,
     rolling,
     sine,
     sloped,
     struck,
+    switched,
     turned,
     universal_motor,
     wander,
@@ -63,7 +64,7 @@ def half_load_splash(count: int, rng: Generator) -> Array:
     bowl = plate(rng, rng.uniform(280, 600), rng.uniform(3500, 6000), 22, 0.11, slope=0.5)
     bundles, ribs = int(rng.integers(1, 3)), int(rng.choice([3, 3, 4]))
     falls = passages(turned(wash) + 0.08 * wander(count, rng, 0.9, 1.0), bundles)
-    swift = np.abs(wash[np.minimum((falls * CONTROL_RATE).astype(np.int64), len(wash) - 1)])
+    swift = np.abs(read_at(wash, falls))
     force = (swift > 0.25) * np.exp(rng.normal(0, 0.5, len(falls)))
     falls = falls + rng.uniform(0.2, 0.35) + rng.normal(0, 0.05, len(falls))
     depth = rng.uniform(0.6, 1.3)
@@ -98,7 +99,7 @@ def _filling(count: int, rng: Generator, filling: Array, mains: float) -> Array:
     flowing = filling * np.exp(wander(count, rng, 0.5, 0.1) + wander(count, rng, 6.0, 0.06))
     hiss = sloped(count, rng, rng.uniform(600, 1300), 6500, rng.uniform(-4.0, -2.5), below=5.0, beyond=-14.0)
     hiss = 0.5 * hiss + 0.5 * driven(hiss, plate(rng, 250, 3200, 12, 0.07))
-    edges = np.flatnonzero(np.diff((filling > 0.5).astype(int))) / CONTROL_RATE
+    edges = switched(filling > 0.5)
     armature = struck(count, rng, plate(rng, 120, 3200, 18, 0.04, -1.0), edges, rng.uniform(0.7, 1.4, len(edges)), 6e-4)
     cycle = turned(2.0 * mains * (1.0 + wander(count, rng, 0.1, 3e-4)))
     hum = sine(cycle, count, filling * np.exp(wander(count, rng, 0.7, 0.15))) + sine(2 * cycle, count, 0.5 * filling)
@@ -116,7 +117,7 @@ def _belt(count: int, rng: Generator, wash: Array, radius: float, body: Vibratin
     parts = []
     for late in (0.0, rng.uniform(0.3, 0.5)):
         times = passages(passed + late + 0.01 * wander(count, rng, 2.0, 1.0), 1)
-        swift = np.abs(wash[np.minimum((times * CONTROL_RATE).astype(np.int64), len(wash) - 1)])
+        swift = np.abs(read_at(wash, times))
         parts.append((times, swift * rng.uniform(0.5, 1.2) * np.exp(rng.normal(0, 0.35, len(times)))))
     times, force = np.concatenate([each for each, _ in parts]), np.concatenate([each for _, each in parts])
     knocks = drummed(count, rng, body, times, force, 2e-3, 0.4)
@@ -124,10 +125,9 @@ def _belt(count: int, rng: Generator, wash: Array, radius: float, body: Vibratin
     flapping = np.clip(bursts(count, times, force, 0.03, 0.6) + wander(count, rng, 1.5, 0.4), 0.0, 2.0) * np.abs(wash)
     span = turned(rng.uniform(25.0, 60.0) * np.exp(wander(count, rng, 3.0, 0.05)))
     beats = passages(span, 1)
-    height = flapping[np.minimum((beats * CONTROL_RATE).astype(np.int64), len(wash) - 1)]
-    height = height * np.exp(rng.normal(0, 0.4, len(beats)))
+    height = read_at(flapping, beats) * np.exp(rng.normal(0, 0.4, len(beats)))
     flaps = drummed(count, rng, plate(rng, 150, 2600, 20, 0.08, -1.0), beats, height, 1e-3, 0.4)
-    starts = np.flatnonzero(np.diff((np.abs(wash) > 0.2).astype(int)) > 0) / CONTROL_RATE
+    starts = switched(np.abs(wash) > 0.2, rising=True)
     slip = driven(sloped(count, rng, 500, 3000, -2.0), plate(rng, 500, 1600, 4, 0.01))
     slipping = bursts(count, starts, rng.uniform(0.0, 1.0, len(starts)), 0.05, rng.uniform(0.3, 0.8))
     return np.asarray(knocks + 0.5 * flaps + 0.2 * slip * expand(slipping, count))
@@ -163,7 +163,7 @@ def old_gear_wash(count: int, rng: Generator) -> Array:
     noise = roar(count, rng, rng.uniform(90, 170), rng.uniform(-6.0, -4.5), rng.uniform(2500, 6000))
     belt = _belt(count, rng, wash, rng.uniform(0.13, 0.17), body.joined(plate(rng, 300, 2600, 16, 0.04), 0.6))
     filling = gate(count, spans, "fill", 0.12)
-    relay = np.flatnonzero(np.diff((np.abs(run) > 0.15).astype(int))) / CONTROL_RATE
+    relay = switched(np.abs(run) > 0.15)
     water = 0.5 * _poured(count, rng, wash, 3)
     return np.asarray(
         rng.uniform(0.2, 0.45) * growl

@@ -28,6 +28,7 @@ from generators.assets.sounds.machines import (
     rolling,
     sloped,
     struck,
+    switched,
     turned,
     wander,
 )
@@ -82,7 +83,7 @@ def impeller_direct(count: int, rng: Generator) -> Array:
     speed = rng.uniform(1.8, 2.6) * np.abs(run) + spinning(count, rng, spans, "spin", (2.0, 0.6 * top, top))
     body = plate(rng, 80, 2600, 30, 0.05, slope=-2.0)
     motor = permanent_magnet_motor(count, rng, speed, top, pairs, 3 * pairs // 2, rng.uniform(5500, 7000))
-    starts = np.flatnonzero(np.diff((np.abs(run) > 0.25).astype(int)) != 0) / CONTROL_RATE
+    starts = switched(np.abs(run) > 0.25)
     swirl = np.convolve(np.abs(run), np.exp(-np.arange(1400) / 350.0) / 350.0)[: len(run)]
     wash = gate(count, spans, "wash", 0.5)
     return np.asarray(
@@ -135,7 +136,7 @@ def twin_tub(count: int, rng: Generator) -> Array:
     whirl = spinner * rng.uniform(0.55, 0.7)
     beat = 1.0 + 0.5 * np.cos(2 * np.pi * (turned(spinner) - turned(whirl))) * np.exp(-spinner / 12.0)
     squeal = driven(sloped(count, rng, 600, 3000, -2.0), plate(rng, 700, 1500, 3, 0.006))
-    starting = bursts(count, np.flatnonzero(np.diff((on > 0.1).astype(int)) > 0) / CONTROL_RATE, 1.0, 0.05, 0.7)
+    starting = bursts(count, switched(on > 0.1, rising=True), 1.0, 0.05, 0.7)
     ticks = np.cumsum(1.0 / rng.uniform(5.0, 8.0) + rng.normal(0, 0.003, int(9 * count / 44_100) + 9))
     force = np.exp(rng.normal(0, 0.15, len(ticks)))
     noise = rolling(count, rng, spinner + 4.0 * np.abs(run), 22.0, roar(count, rng, 75, -5.2, rng.uniform(2500, 7000)))
