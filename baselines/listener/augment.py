@@ -25,9 +25,9 @@ from baselines.listener.sound_changes import SOUND_CHANGES, changed_sounds, disg
 
 #: Level of a second sound over the first, at most (dB).
 MIX_DB = 10.0
-#: Share of pictures that are enlarged, at most how many times, and how far the centre may lie from an object, as a
-#: share of what is shown.
-ENLARGED, LARGEST, OFF_CENTRE = 0.35, 3.0, 0.4
+#: Share of pictures that are enlarged (prediction looks at parts two and three times as large), at most how many times,
+#: and how far the centre may lie from an object, as a share of what is shown.
+ENLARGED, LARGEST, OFF_CENTRE = 0.6, 3.0, 0.4
 #: Side of a part of a picture that is learnt from without sound (pixels), its side as a share of the picture's, and the
 #: share of parts that are chosen around an object.
 PART_SIDE, PART_SHARES, AROUND_OBJECTS = 128, (0.25, 0.7), 0.85
