@@ -50,6 +50,8 @@ PICTURE_STEPS ?= 1500
 TRAIN_LISTENER_OPTIONS ?= --validate-every 1600
 # Trained weights that each training begins with, $* in the name being its seed; without a file: random ones.
 WEIGHTS ?=
+# A folder with a folder of weights for each seed, seedN: they are calibrated and scored, and nothing is trained.
+TRAINED ?=
 # Of the ablation with small networks, which shares the GPUs with the trainings; 0: none.
 ABLATION_MINUTES ?= $(if $(filter 0,$(GPUS)),0,13)
 ABLATION_OPTIONS ?=
@@ -119,19 +121,25 @@ $(LISTENER)/decoded.done: $(TRAIN_PARTS:%=$(LISTENER)/train-%.done) $(LISTENER)/
 $(LISTENER)/dry.npz: | $(LISTENER)/kernels.done
 	$(call timed,dry,$(PYTHON) -m benchmarks.listener_dry -o $@ --units $(DRY_UNITS) --workers $(WORKERS))
 
+ifdef TRAINED
+$(CARDS): $(LISTENER)/run/seed%/listener.safetensors: $(LISTENER)/tune.done
+	$(call timed,seed$*,$(call on,$*) $(PYTHON) -m benchmarks.listener_calibration $(TRAINED)/seed$*/listener.safetensors \
+	  --calibrate-on $(LISTENER)/tune -o $(@D) --accelerator $(if $(filter 0,$(GPUS)),cpu,cuda) --workers $(call share,$(SHARE_tune)))
+else
 $(CARDS): $(LISTENER)/run/seed%/listener.safetensors: $(LISTENER)/decoded.done $(DRY)
 	@mkdir -p $(@D) && ln -sfn $(abspath $(LISTENER)/tune-cache) $(@D)/calibration
 	$(call timed,seed$*,$(call on,$*) $(PYTHON) -m benchmarks.listener_training --data $(SHARDS) --cache $(LISTENER)/train-cache \
 	  --calibrate-on $(LISTENER)/tune -o $(@D) --seed $* --picture-steps $(PICTURE_STEPS) --steps $(STEPS) --manifest $(TRAIN) $(if $(WEIGHTS),--weights $(WEIGHTS)) \
 	  $(DRY:%=--dry %) $(if $(filter 0,$(GPUS)),--accelerator cpu) $(TRAIN_LISTENER_OPTIONS) && [ -f $@ ])
+endif
 
-$(LISTENER)/ablation.done: $(LISTENER)/decoded.done
-	$(if $(filter-out 0,$(ABLATION_MINUTES)),$(call timed,ablation,$(call on,$(words $(SEEDS))) $(PYTHON) -m benchmarks.listener_ablation train \
+$(LISTENER)/ablation.done: $(if $(TRAINED),,$(LISTENER)/decoded.done)
+	$(if $(filter-out 0,$(if $(TRAINED),0,$(ABLATION_MINUTES))),$(call timed,ablation,$(call on,$(words $(SEEDS))) $(PYTHON) -m benchmarks.listener_ablation train \
 	  $(SHARDS) $(LISTENER)/train-cache -o $(LISTENER)/ablation --test 'other homes and voices=$(LISTENER)/tune-cache' --minutes $(ABLATION_MINUTES) $(ABLATION_OPTIONS)))
 	@touch $@
 
 # After the training data: both use all cores. Trainings go first. Path tracing takes a GPU, which the training data leaves idle.
-$(filter-out %-pathtraced.done,$(TESTS:%=$(LISTENER)/test-%.done)): | $(LISTENER)/decoded.done
+$(filter-out %-pathtraced.done,$(TESTS:%=$(LISTENER)/test-%.done)): | $(if $(TRAINED),,$(LISTENER)/decoded.done)
 $(LISTENER)/test-%.done: | $(LISTENER)/kernels.done
 	$(call timed,test-$*,nice -n 10 $(call pinned,test) $(AVS3D) generate \
 	  $(or $(MANIFEST_$*),scenes_manifest/$(patsubst %-pathtraced,%,$(patsubst %-heads,%,$(firstword $(subst +, ,$*)))).yaml) \

@@ -43,6 +43,7 @@ def command_of(arguments: list[str]) -> tuple[click.Command, list[str]]:
     from benchmarks import (
         listener_ablation,
         listener_best,
+        listener_calibration,
         listener_classes,
         listener_dry,
         listener_page,
@@ -55,6 +56,7 @@ def command_of(arguments: list[str]) -> tuple[click.Command, list[str]]:
         "listener_training": listener,
         "listener_ablation": listener_ablation.main.commands.get(arguments[3]),  # type: ignore[attr-defined]
         "listener_best": listener_best.main,
+        "listener_calibration": listener_calibration.main,
         "listener_classes": listener_classes.main,
         "listener_tables": listener_tables.main,
         "listener_page": listener_page.main,
@@ -66,10 +68,8 @@ def command_of(arguments: list[str]) -> tuple[click.Command, list[str]]:
     return modules[name], arguments[4 if name == "listener_ablation" else 3 :]
 
 
-@pytest.mark.parametrize("gpus", [0, 2])
-def test_every_step_is_a_command_with_options_that_exist(tmp_path: Path, gpus: int) -> None:
-    (tmp_path / "run").mkdir()
-    found = commands(tmp_path, "TESTS=demo listen+soundspaces demo-heads", "TESTS_3D=demo", f"GPUS={gpus}", "SEEDS=0 1")
+def counted(found: list[list[str]]) -> Counter[str]:
+    """How often each program is called, `generate` by its engine; all options are ones that the program has."""
     steps = Counter[str]()
     for arguments in found:
         command, rest = command_of(arguments)
@@ -77,13 +77,33 @@ def test_every_step_is_a_command_with_options_that_exist(tmp_path: Path, gpus: i
         known = {option for parameter in command.params for option in parameter.opts}
         assert {word for word in rest if re.match("--?[a-z]", word)} <= known
         steps[str(context.params.get("audio") or arguments[2].removeprefix("benchmarks."))] += 1
+    return steps
+
+
+@pytest.mark.parametrize("gpus", [0, 2])
+def test_every_step_is_a_command_with_options_that_exist(tmp_path: Path, gpus: int) -> None:
+    (tmp_path / "run").mkdir()
+    found = commands(tmp_path, "TESTS=demo listen+soundspaces demo-heads", "TESTS_3D=demo", f"GPUS={gpus}", "SEEDS=0 1")
     trained = {"listener_training": 2, "listener_ablation": 3 if gpus else 2}
     # 6 rows of seeds, EchoSegnet; without BEST_TESTS the best seed has no others.
     scored = {"listener_tables": 7, "listener_classes": 6, "listener_best": 2, "listener_seeds": 2, "listener_page": 1}
     made = {"recorded_manifests": 1, "listener_dry": 1, "tracer": 3 + 2 + 2, "analytic": 1, "soundspaces": 1}
-    assert steps == {**made, **trained, **scored}
+    assert counted(found) == {**made, **trained, **scored}
     assert any("pathtraced" in arguments for arguments in found) == bool(gpus)
     assert sum(arguments[-1] != "" and "--hrtf" in arguments for arguments in found) == 1
+
+
+@pytest.mark.parametrize("gpus", [0, 1])
+def test_trained_weights_are_calibrated_and_scored_without_training_data(tmp_path: Path, gpus: int) -> None:
+    found = commands(tmp_path, "TESTS=demo", "TESTS_3D=", f"GPUS={gpus}", "SEEDS=0 1", "TRAINED=trained")
+    scored = {"listener_tables": 2, "listener_classes": 2, "listener_best": 1, "listener_seeds": 2, "listener_page": 1}
+    # Data for calibration, the test set; `figures` collects an ablation where there is one.
+    assert counted(found) == {"tracer": 2 + 1, "listener_calibration": 2, "listener_ablation": 1, **scored}
+    calibrated = [arguments for arguments in found if "benchmarks.listener_calibration" in arguments]
+    for seed, arguments in enumerate(calibrated):
+        assert arguments[3] == f"trained/seed{seed}/listener.safetensors"
+        assert arguments[arguments.index("--accelerator") + 1] == ("cuda" if gpus else "cpu")
+        assert arguments[arguments.index("-o") + 1] == f"{tmp_path}/run/seed{seed}"
 
 
 def test_each_training_home_is_in_one_part_and_a_tenth_of_the_observations_is_path_traced(tmp_path: Path) -> None:
