@@ -213,8 +213,10 @@ def equal_weights(shown: NDArray[np.bool_], keys: Sequence[str]) -> NDArray[np.f
 def mean_of_looks(odds: Tensor, warm: float, bias: float = 0.0) -> Tensor:
     """(N, …) log-odds of the mean of the probabilities of several looks (N, looks, …), as `masks.agreed` takes it."""
     # Look by look: all at once are several GiB of some thousand frames.
-    looks = [((look - bias) / warm).sigmoid_() for look in odds.unbind(1)]
-    return torch.stack(looks).mean(dim=0).logit_(eps=1e-6)
+    total = torch.zeros_like(odds[:, 0])
+    for look in odds.unbind(1):
+        total += ((look - bias) / warm).sigmoid_()
+    return (total / odds.shape[1]).logit_(eps=1e-6)
 
 
 def temperature(odds: Tensor, truth: Tensor, weights: Tensor, *, biased: bool = True) -> tuple[float, float]:
