@@ -15,9 +15,11 @@ DEVICE ?= cpu
 GPUS ?= 1
 SEEDS ?= 0 1 2
 TRAIN ?= scenes_manifest/train.yaml
+# A folder with a folder of weights for each seed, seedN: they are calibrated and scored, and nothing is trained.
+TRAINED ?=
 # The training data has a folder for each of these parts: homes by the last digit of their number, with options of their own.
 # `recorded` plays the recordings for training that are in the store; without a GPU, `pathtraced` has the usual pictures.
-TRAIN_PARTS ?= tracer pathtraced analytic recorded
+TRAIN_PARTS ?= $(if $(TRAINED),,tracer pathtraced analytic recorded)
 TRAIN_tracer ?= --only '*/home_*[2-7]/*' --audio tracer
 TRAIN_analytic ?= --only '*/home_*[08]/*' --audio analytic
 TRAIN_recorded ?= --only '*/home_*9/*' --audio tracer
@@ -50,10 +52,8 @@ PICTURE_STEPS ?= 1500
 TRAIN_LISTENER_OPTIONS ?= --validate-every 1600
 # Trained weights that each training begins with, $* in the name being its seed; without a file: random ones.
 WEIGHTS ?=
-# A folder with a folder of weights for each seed, seedN: they are calibrated and scored, and nothing is trained.
-TRAINED ?=
 # Of the ablation with small networks, which shares the GPUs with the trainings; 0: none.
-ABLATION_MINUTES ?= $(if $(filter 0,$(GPUS)),0,13)
+ABLATION_MINUTES ?= $(if $(TRAINED)$(filter 0,$(GPUS)),0,13)
 ABLATION_OPTIONS ?=
 # Test sets: NAME is scenes_manifest/NAME.yaml with the tracer's sound, NAME+ENGINE with another engine's, NAME-heads with heads
 # for tests, NAME-pathtraced with path-traced pictures. MANIFEST_NAME is another file, TEST_OPTIONS_NAME are more options. Those
@@ -113,18 +113,18 @@ $(LISTENER)/tune.done: | $(LISTENER)/kernels.done
 	  --format webdataset --audio tracer --device $(DEVICE) --workers $(call share,$(SHARE_tune)) $(TUNE_OPTIONS) &&) true)
 	@touch $@
 
-# Once for all trainings.
+# Once for all trainings and calibrations.
 $(LISTENER)/decoded.done: $(TRAIN_PARTS:%=$(LISTENER)/train-%.done) $(LISTENER)/tune.done
-	$(call timed,decoded,$(PYTHON) -m benchmarks.listener_ablation decode $(LISTENER) train tune --workers $(WORKERS))
+	$(call timed,decoded,$(PYTHON) -m benchmarks.listener_ablation decode $(LISTENER) $(if $(TRAIN_PARTS),train) tune --workers $(WORKERS))
 	@touch $@
 
 $(LISTENER)/dry.npz: | $(LISTENER)/kernels.done
 	$(call timed,dry,$(PYTHON) -m benchmarks.listener_dry -o $@ --units $(DRY_UNITS) --workers $(WORKERS))
 
 ifdef TRAINED
-$(CARDS): $(LISTENER)/run/seed%/listener.safetensors: $(LISTENER)/tune.done
+$(CARDS): $(LISTENER)/run/seed%/listener.safetensors: $(LISTENER)/decoded.done
 	$(call timed,seed$*,$(call on,$*) $(PYTHON) -m benchmarks.listener_calibration $(TRAINED)/seed$*/listener.safetensors \
-	  --calibrate-on $(LISTENER)/tune -o $(@D) --accelerator $(if $(filter 0,$(GPUS)),cpu,cuda) --workers $(call share,$(SHARE_tune)))
+	  --calibrate-on $(LISTENER)/tune --cache $(LISTENER)/tune-cache -o $(@D) --accelerator $(if $(filter 0,$(GPUS)),cpu,cuda))
 else
 $(CARDS): $(LISTENER)/run/seed%/listener.safetensors: $(LISTENER)/decoded.done $(DRY)
 	@mkdir -p $(@D) && ln -sfn $(abspath $(LISTENER)/tune-cache) $(@D)/calibration
@@ -133,13 +133,13 @@ $(CARDS): $(LISTENER)/run/seed%/listener.safetensors: $(LISTENER)/decoded.done $
 	  $(DRY:%=--dry %) $(if $(filter 0,$(GPUS)),--accelerator cpu) $(TRAIN_LISTENER_OPTIONS) && [ -f $@ ])
 endif
 
-$(LISTENER)/ablation.done: $(if $(TRAINED),,$(LISTENER)/decoded.done)
-	$(if $(filter-out 0,$(if $(TRAINED),0,$(ABLATION_MINUTES))),$(call timed,ablation,$(call on,$(words $(SEEDS))) $(PYTHON) -m benchmarks.listener_ablation train \
+$(LISTENER)/ablation.done: $(LISTENER)/decoded.done
+	$(if $(filter-out 0,$(ABLATION_MINUTES)),$(call timed,ablation,$(call on,$(words $(SEEDS))) $(PYTHON) -m benchmarks.listener_ablation train \
 	  $(SHARDS) $(LISTENER)/train-cache -o $(LISTENER)/ablation --test 'other homes and voices=$(LISTENER)/tune-cache' --minutes $(ABLATION_MINUTES) $(ABLATION_OPTIONS)))
 	@touch $@
 
 # After the training data: both use all cores. Trainings go first. Path tracing takes a GPU, which the training data leaves idle.
-$(filter-out %-pathtraced.done,$(TESTS:%=$(LISTENER)/test-%.done)): | $(if $(TRAINED),,$(LISTENER)/decoded.done)
+$(filter-out %-pathtraced.done,$(TESTS:%=$(LISTENER)/test-%.done)): | $(LISTENER)/decoded.done
 $(LISTENER)/test-%.done: | $(LISTENER)/kernels.done
 	$(call timed,test-$*,nice -n 10 $(call pinned,test) $(AVS3D) generate \
 	  $(or $(MANIFEST_$*),scenes_manifest/$(patsubst %-pathtraced,%,$(patsubst %-heads,%,$(firstword $(subst +, ,$*)))).yaml) \

@@ -1,11 +1,11 @@
 """Calibrate weights of the listener that are there, as a training does at its end (docs/listener-training.md).
 
-    python -m benchmarks.listener_calibration WEIGHTS --calibrate-on SHARDS -o FOLDER [--accelerator cuda]
+    python -m benchmarks.listener_calibration WEIGHTS --calibrate-on SHARDS -o FOLDER [--accelerator cuda] [--cache DIR]
 
 FOLDER gets ``listener.safetensors`` with the same network and the new numbers, its sha256, and ``calibration.json``:
 what was chosen, and the figures by which. If the folder of WEIGHTS has their model card, FOLDER gets it, with these
-figures in place of its own. Decoded frames lie in ``FOLDER/calibration``, which may be deleted. A FOLDER
-that is not empty is refused.
+figures in place of its own. Decoded frames lie in ``FOLDER/calibration``, which may be deleted, or in DIR, which
+several calibrations share. A FOLDER that is not empty is refused.
 """
 
 from __future__ import annotations
@@ -27,8 +27,11 @@ from avs3d_bench.runtime.freed_memory import keep_freed_memory
 @click.option("--calibrate-on", required=True, type=PATH, metavar="SHARDS", help="Homes for validation.")
 @click.option("-o", "--output", required=True, type=OUTPUT_FOLDER, metavar="FOLDER", help="New or empty.")
 @click.option("--accelerator", type=click.Choice(["cpu", "cuda"]), default="cpu", show_default=True)
+@click.option("--cache", type=OUTPUT_FOLDER, metavar="DIR", help="Decoded frames. [default: FOLDER/calibration]")
 @click.option("--workers", type=click.IntRange(1), help="Processes that read shards. [default: one a core]")
-def main(weights: Path, calibrate_on: Path, output: Path, accelerator: str, workers: int | None) -> None:
+def main(
+    weights: Path, calibrate_on: Path, output: Path, accelerator: str, cache: Path | None, workers: int | None
+) -> None:
     """Calibrate weights of the listener on homes for validation."""
     from lightning_fabric import Fabric
 
@@ -45,7 +48,7 @@ def main(weights: Path, calibrate_on: Path, output: Path, accelerator: str, work
     fabric = Fabric(accelerator=accelerator, devices=1, precision="32-true")
     fabric.launch()
     loaded = read_weights(weights, device=fabric.device)
-    store = prepare(calibrate_on, output / CALIBRATION, fabric, workers=workers, progress=True)
+    store = prepare(calibrate_on, cache or output / CALIBRATION, fabric, workers=workers, progress=True)
     chosen, figures = calibrate(loaded.network, store, Bank(store, fabric.device), fabric, every_home=True)
     digest = save_weights(loaded.network, output / "listener.safetensors", chosen)
     beside = weights.parent / CARD_JSON

@@ -449,11 +449,11 @@ def of_neighbours(
     train: Clips, sets: Mapping[str, Clips], workers: int | None = None, leave_out: bool = False
 ) -> Verdicts:
     """Verdicts of the nearest neighbour: set → change → verdict; ``leave_out``: also of each training voice."""
-    found: Verdicts = {which: {} for which in (*sets, *[LEFT_OUT] * leave_out)}
+    found: Verdicts = {which: {} for which in sets}
     for name in CHANGES:
         known = prepared(features, train.samples, name, workers)
         if leave_out:
-            found[LEFT_OUT][name] = verdict(left_out(train, known, workers), train)
+            found.setdefault(LEFT_OUT, {})[name] = verdict(left_out(train, known, workers), train)
         for which, asked in sets.items():
             unknown = prepared(features, asked.samples, name, workers)
             found[which][name] = verdict(nearest(known, train.labels, train.voices, unknown, workers), asked)

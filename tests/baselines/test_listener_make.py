@@ -97,13 +97,16 @@ def test_every_step_is_a_command_with_options_that_exist(tmp_path: Path, gpus: i
 def test_trained_weights_are_calibrated_and_scored_without_training_data(tmp_path: Path, gpus: int) -> None:
     found = commands(tmp_path, "TESTS=demo", "TESTS_3D=", f"GPUS={gpus}", "SEEDS=0 1", "TRAINED=trained")
     scored = {"listener_tables": 2, "listener_classes": 2, "listener_best": 1, "listener_seeds": 2, "listener_page": 1}
-    # Data for calibration, the test set; `figures` collects an ablation where there is one.
-    assert counted(found) == {"tracer": 2 + 1, "listener_calibration": 2, "listener_ablation": 1, **scored}
+    # Data for calibration, decoded once, and the test set; `figures` collects an ablation where there is one.
+    assert counted(found) == {"tracer": 2 + 1, "listener_calibration": 2, "listener_ablation": 2, **scored}
+    (decoded,) = (arguments[4:6] for arguments in found if "decode" in arguments)
+    assert decoded == [str(tmp_path), "tune"]
     calibrated = [arguments for arguments in found if "benchmarks.listener_calibration" in arguments]
     for seed, arguments in enumerate(calibrated):
         assert arguments[3] == f"trained/seed{seed}/listener.safetensors"
         assert arguments[arguments.index("--accelerator") + 1] == ("cuda" if gpus else "cpu")
         assert arguments[arguments.index("-o") + 1] == f"{tmp_path}/run/seed{seed}"
+        assert arguments[arguments.index("--cache") + 1] == f"{tmp_path}/tune-cache"
 
 
 def test_each_training_home_is_in_one_part_and_a_tenth_of_the_observations_is_path_traced(tmp_path: Path) -> None:
