@@ -22,8 +22,8 @@ Mels = NDArray[np.float32]
 
 #: Bands of the mel spectrogram, samples of a hop and of a window; the lowest and the highest frequency (Hz).
 MELS, HOP, WINDOW, RANGE = 64, 441, 2048, (50.0, 20_000.0)
-#: Clips of a step of the training.
-_BATCH = 128
+#: Clips of a step of the training; the level of what is hidden.
+_BATCH, _HIDDEN = 128, -10.0
 #: Knots of a random response over the bands, seconds of noise that floors are cut from.
 _KNOTS, _NOISE = 9, 64
 
@@ -53,7 +53,7 @@ class Training:
         depth_db: what lies further below the loudest band of a clip is not seen.
         shows: pictures of a clip. ``level`` re the loudest band; ``contrast``, a band re the mean of seven neighbours
             on either side, where no response is left; ``swing``, a band re its mean in time, where nothing steady is.
-        highest_hz: what lies above is not seen.
+        asked_hz: of clips that are asked about, what lies above is hidden, as it is of the training clips that end.
     """
 
     epochs: int = 25
@@ -75,7 +75,7 @@ class Training:
     hidden_bands: float = 0.0
     depth_db: float = 60.0
     shows: tuple[str, ...] = ("level",)
-    highest_hz: float = RANGE[1]
+    asked_hz: float = RANGE[1]
 
 
 def log_mel(clips: NDArray[np.floating]) -> Mels:
@@ -167,12 +167,14 @@ class Network:
         nearest = there[np.abs(np.arange(MELS)[:, None] - there).argmin(axis=1)]
         return torch.from_numpy(mel[:, nearest])[:, None].to(self._device)
 
-    def probabilities(self, mel: Mels) -> Array:
-        """(n, categories) of clips whose `log_mel` is ``mel``."""
+    def probabilities(self, mel: Mels, asked_hz: float | None = None) -> Array:
+        """(n, categories) of clips whose `log_mel` is ``mel``; ``asked_hz`` in place of that of the training."""
         import torch
 
+        data = self._tensor(mel)
+        data[:, :, int(band_of(asked_hz or self._training.asked_hz)) + 1 :] = _HIDDEN
         with torch.no_grad():
-            parts = [self._answer(part).softmax(dim=1) for part in torch.split(self._tensor(mel), 256)]
+            parts = [self._answer(part).softmax(dim=1) for part in torch.split(data, 256)]
         return np.asarray(torch.cat(parts).cpu().numpy(), dtype=np.float64)
 
 
@@ -185,7 +187,7 @@ def changed(batch: Any, noise: Any, training: Training) -> Any:
         training: what is changed.
 
     Returns:
-        (n, 1, MELS, frames); what is hidden has -10.
+        (n, 1, MELS, frames); what is hidden has `_HIDDEN`.
     """
     import torch
 
@@ -229,7 +231,7 @@ def changed(batch: Any, noise: Any, training: Training) -> Any:
         wide = uniform(0.0, training.hidden_bands)
         start = uniform() * (bands - wide)
         hidden = hidden | ((band >= start) & (band < start + wide))
-    return torch.where(hidden, -10.0, batch)
+    return torch.where(hidden, _HIDDEN, batch)
 
 
 def _sum(one: Any, other: Any) -> Any:
@@ -264,7 +266,6 @@ def seen(batch: Any, training: Training) -> Any:
     """
     import torch
 
-    batch = batch[:, :, : int(np.ceil(band_of(training.highest_hz))) + 1]
     power = (batch * np.log(10)).exp().mean(dim=3, keepdim=True).amax(dim=2, keepdim=True)
     depth = training.depth_db / 10
     level = (batch - torch.log10(power + 1e-10)).clamp(min=-depth)

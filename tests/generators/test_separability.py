@@ -14,7 +14,7 @@ import soundfile
 from avs3d_bench.contract.layout import SAMPLE_RATE
 from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.errors import Avs3dError
-from benchmarks import separability
+from benchmarks import separability, separability_choice
 from benchmarks.separability_network import MELS, Network, Training, band_of, changed, log_mel, seen
 
 torch: Any = pytest.importorskip("torch")
@@ -117,6 +117,38 @@ def test_a_network_learns_what_differs_and_not_the_response() -> None:
     answers = network.probabilities(dull)
     np.testing.assert_allclose(answers.sum(axis=1), 1.0, atol=1e-5)
     assert (answers.argmax(axis=1) == labels[64:]).mean() > 0.9
+    loud_above = np.where(np.arange(MELS)[:, None] > band_of(4000.0), 3.0, dull).astype(np.float32)
+    assert np.array_equal(network.probabilities(loud_above, 4000.0), network.probabilities(dull, 4000.0))
+    assert not np.array_equal(network.probabilities(loud_above, 8200.0), network.probabilities(dull, 8200.0))
+
+
+def test_of_each_category_as_many_voices_are_held_back_others_with_another_seed() -> None:
+    voices = np.repeat([f"{category}/{n}" for category in CATEGORIES for n in range(5)], 2)
+    first, second = (separability_choice.held_back(voices, seed) for seed in separability_choice.SEEDS)
+    assert first.sum() == second.sum() == 2 * len(CATEGORIES) * separability_choice.HELD
+    assert (first != second).any()
+    assert all(here.reshape(-1, 2).std() == 0 for here in (first[:2], first[2:4]))
+    for category in CATEGORIES:
+        assert len(set(voices[first & np.char.startswith(voices, category)])) == separability_choice.HELD
+
+
+def test_the_candidate_is_chosen_whose_weakest_set_is_best() -> None:
+    uneven, even = {"held back": 0.9, "recordings": 0.4}, {"held back": 0.6, "recordings": 0.5}
+    name, scores = separability_choice.best({"uneven": {0: uneven, 1: uneven}, "even": {0: even, 1: even}})
+    assert (name, scores) == ("even", {"uneven": 0.4, "even": 0.5})
+
+
+def test_candidates_that_differ_in_what_is_asked_share_a_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng, count = np.random.default_rng(0), 7 * 4
+    names = [f"{category}/{n}/0/dry" for category in CATEGORIES for n in range(4)]
+    train = separability.Clips(np.zeros((count, 1), np.float32), np.repeat(np.arange(7), 4), names)
+    mel = rng.normal(size=(count, MELS, 96)).astype(np.float32)
+    small = {"all": Training(epochs=1, width=2), "low": Training(epochs=1, width=2, asked_hz=4000.0)}
+    monkeypatch.setattr(separability_choice, "CANDIDATES", small)
+    asked = {"validation": (train, [mel, mel])}
+    found = separability_choice.measured(train, mel, asked, small["all"], 0)
+    assert {name: set(sets) for name, sets in found.items()} == {key: {"held back", "validation"} for key in small}
+    assert all(0 <= share <= 1 for sets in found.values() for share in sets.values())
 
 
 def test_recordings_of_a_split_are_those_in_the_store_each_with_as_many_excerpts_as_a_voice_has_units(

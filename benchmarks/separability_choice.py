@@ -1,0 +1,123 @@
+"""How the networks of `separability` are chosen, without the voices and recordings that they are tested on.
+
+    python -m benchmarks.separability_choice -o FILE.json [--units N] [--asked N] [--workers N]
+
+Each of `CANDIDATES` is trained with each of `SEEDS`, on the training voices but three of each category, which a seed
+draws, and asked about those three, the validation voices and the recordings for training in the store (`avs3d assets
+fetch`): shares of right seconds, the last two as means over the spectra of `separability.CHANGES`. Each cell of the
+table has an aim, so the smallest of the three shares counts, as a mean over the seeds; the best is what `Training` has.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench.contract.taxonomy import CATEGORIES
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.formats.files import write_json
+from benchmarks.separability import CHANGES, Array, Clips, joined, of_lock, of_voices, prepared, verdict
+from benchmarks.separability_network import RANGE, Mels, Network, Training, log_mel
+
+#: Name → setting. Those that differ in ``asked_hz`` alone are asked of the same networks.
+CANDIDATES = {f"asked below {hz / 1000:g} kHz": Training(asked_hz=hz) for hz in (RANGE[1], 8000.0, 6000.0, 4000.0)}
+#: Of the networks; training voices of each category that are held back.
+SEEDS, HELD = (0, 1), 3
+#: Set → spectra of one or all of `CHANGES`.
+Asked = Mapping[str, tuple[Clips, Sequence[Mels]]]
+
+
+def held_back(voices: NDArray[np.str_], seed: int) -> NDArray[np.bool_]:
+    """(n,) whether the seconds of ``category/voice`` (n,) are of the `HELD` voices of a category that a seed draws."""
+    rng, held, names = np.random.default_rng(100 + seed), [], list(dict.fromkeys(voices.tolist()))
+    for category in CATEGORIES:
+        held += rng.permutation([name for name in names if name.startswith(f"{category}/")])[:HELD].tolist()
+    return np.isin(voices, held)
+
+
+def shares(network: Network, asked: Asked, asked_hz: float) -> dict[str, float]:
+    """Set → share of right seconds, a mean over its spectra."""
+
+    def share(clips: Clips, answers: Array) -> float:
+        return float(verdict(answers, clips)["seconds"])
+
+    return {
+        which: float(np.mean([share(clips, network.probabilities(one, asked_hz)) for one in spectra]))
+        for which, (clips, spectra) in asked.items()
+    }
+
+
+def measured(train: Clips, mel: Mels, asked: Asked, training: Training, seed: int) -> dict[str, dict[str, float]]:
+    """Candidate → set → share, of the candidates that differ from ``training`` in ``asked_hz`` at most.
+
+    Args:
+        train: the seconds of all training voices.
+        mel: (n, MELS, frames) their `log_mel`.
+        asked: what is asked about, beside the voices held back.
+        training: how the network is trained.
+        seed: of the network and of the voices that are held back.
+    """
+    out = held_back(train.voices, seed)
+    network = Network(mel[~out], train.labels[~out], training, seed)
+    back = Clips(
+        train.samples[:0], train.labels[out], [name for name, here in zip(train.names, out, strict=True) if here]
+    )
+    sets = {"held back": (back, [mel[out]]), **asked}
+    mine = {name: one for name, one in CANDIDATES.items() if replace(one, asked_hz=training.asked_hz) == training}
+    return {name: shares(network, sets, one.asked_hz) for name, one in mine.items()}
+
+
+def best(found: Mapping[str, Mapping[int, Mapping[str, float]]]) -> tuple[str, dict[str, float]]:
+    """The chosen candidate, and of each the mean over the seeds of the smallest share.
+
+    Args:
+        found: candidate → seed → set → share.
+    """
+    scores = {name: float(np.mean([min(sets.values()) for sets in of.values()])) for name, of in found.items()}
+    return max(scores, key=lambda name: scores[name]), scores
+
+
+def asked_of(validation: Clips, recordings: Clips, workers: int | None) -> Asked:
+    """Sets that candidates are asked about, with the spectra of each of `CHANGES`."""
+    sets = {"validation": validation, "recordings for training": recordings}
+    return {
+        which: (clips, [prepared(log_mel, clips.samples, change, workers) for change in CHANGES])
+        for which, clips in sets.items()
+    }
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-o", "--output", type=Path, required=True, help="JSON")
+    parser.add_argument("--units", type=int, default=40, help="of each training voice [40]")
+    parser.add_argument("--asked", type=int, default=10, help="units of each validation voice [10]")
+    parser.add_argument("--workers", type=int, default=None, help="processes [one per core]")
+    options = parser.parse_args(arguments)
+    recordings = of_lock("train", 4)
+    validation = joined(of_voices("validation", 1, options.asked, options.workers))
+    asked = asked_of(validation, recordings, options.workers)
+    train = joined(of_voices("train", 0, options.units, options.workers))
+    mel = prepared(log_mel, train.samples, "whole", options.workers)
+    found: dict[str, dict[int, dict[str, float]]] = {name: {} for name in CANDIDATES}
+    for training in dict.fromkeys(replace(one, asked_hz=RANGE[1]) for one in CANDIDATES.values()):
+        for seed in SEEDS:
+            for name, sets in measured(train, mel, asked, training, seed).items():
+                found[name][seed] = sets
+                print(f"{name}, seed {seed}: {', '.join(f'{which} {share:.3f}' for which, share in sets.items())}")
+    name, scores = best(found)
+    write_json(options.output, {"chosen": name, "scores": scores, "shares": found})
+    print(f"{name}: {scores[name]:.3f}")
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except Avs3dError as error:
+        sys.exit(f"separability_choice: error: {error}")
