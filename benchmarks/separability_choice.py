@@ -1,11 +1,13 @@
 """How the networks of `separability` are chosen, without the voices and recordings that they are tested on.
 
-    python -m benchmarks.separability_choice -o FILE.json [--units N] [--asked N] [--workers N]
+    python -m benchmarks.separability_choice -o FILE.json [--recordings FOLDER]
 
 Each of `CANDIDATES` is trained with each of `SEEDS`, on the training voices but three of each category, which a seed
 draws, and asked about those three, the validation voices and the recordings for training in the store (`avs3d assets
 fetch`): shares of right seconds, the last two as means over the spectra of `separability.CHANGES`. Each cell of the
 table has an aim, so the smallest of the three shares counts, as a mean over the seeds; the best is what `Training` has.
+With ``--recordings``, networks with the best setting are then trained on all training voices and asked about validation
+and test voices and the recordings in FOLDER: rows of the table of `separability`, in FILE as ``network``.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +25,18 @@ from numpy.typing import NDArray
 from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.files import write_json
-from benchmarks.separability import CHANGES, Array, Clips, joined, of_lock, of_voices, prepared, verdict
+from benchmarks.separability import (
+    CHANGES,
+    Array,
+    Clips,
+    joined,
+    of_lock,
+    of_networks,
+    of_recordings,
+    of_voices,
+    prepared,
+    verdict,
+)
 from benchmarks.separability_network import RANGE, Mels, Network, Training, log_mel
 
 #: Name → setting. Those that differ in ``asked_hz`` alone are asked of the same networks.
@@ -83,9 +97,8 @@ def best(found: Mapping[str, Mapping[int, Mapping[str, float]]]) -> tuple[str, d
     return max(scores, key=lambda name: scores[name]), scores
 
 
-def asked_of(validation: Clips, recordings: Clips, workers: int | None) -> Asked:
+def asked_of(sets: Mapping[str, Clips], workers: int | None) -> Asked:
     """Sets that candidates are asked about, with the spectra of each of `CHANGES`."""
-    sets = {"validation": validation, "recordings for training": recordings}
     return {
         which: (clips, [prepared(log_mel, clips.samples, change, workers) for change in CHANGES])
         for which, clips in sets.items()
@@ -96,24 +109,36 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """The command."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--output", type=Path, required=True, help="JSON")
+    parser.add_argument("--recordings", type=Path, help="ask the best in the end: a folder with a folder per category")
     parser.add_argument("--units", type=int, default=40, help="of each training voice [40]")
-    parser.add_argument("--asked", type=int, default=10, help="units of each validation voice [10]")
+    parser.add_argument("--asked", type=int, default=10, help="units of each voice that is asked about [10]")
     parser.add_argument("--workers", type=int, default=None, help="processes [one per core]")
     options = parser.parse_args(arguments)
-    recordings = of_lock("train", 4)
-    validation = joined(of_voices("validation", 1, options.asked, options.workers))
-    asked = asked_of(validation, recordings, options.workers)
-    train = joined(of_voices("train", 0, options.units, options.workers))
+    # Files first: where they are missing or damaged, that is said before minutes go into voices.
+    tested = {"recordings": of_recordings(options.recordings, 3)} if options.recordings else {}
+    learnt = of_lock("train", 4)
+
+    def of(split: str, seed: int, units: int) -> Clips:
+        return joined(of_voices(split, seed, units, options.workers))
+
+    train, validation = of("train", 0, options.units), of("validation", 1, options.asked)
     mel = prepared(log_mel, train.samples, "whole", options.workers)
+    asked = asked_of({"validation": validation, "recordings for training": learnt}, options.workers)
     found: dict[str, dict[int, dict[str, float]]] = {name: {} for name in CANDIDATES}
     for training in dict.fromkeys(replace(one, asked_hz=RANGE[1]) for one in CANDIDATES.values()):
         for seed in SEEDS:
             for name, sets in measured(train, mel, asked, training, seed).items():
                 found[name][seed] = sets
-                print(f"{name}, seed {seed}: {', '.join(f'{which} {share:.3f}' for which, share in sets.items())}")
+                said = ", ".join(f"{which} {share:.3f}" for which, share in sets.items())
+                print(f"{name}, seed {seed}: {said}", flush=True)
     name, scores = best(found)
-    write_json(options.output, {"chosen": name, "scores": scores, "shares": found})
-    print(f"{name}: {scores[name]:.3f}")
+    report: dict[str, Any] = {"chosen": name, "scores": scores, "shares": found}
+    write_json(options.output, report)
+    print(f"{name}: {scores[name]:.3f}", flush=True)
+    if tested:
+        tested |= {"validation": validation, "test": of("test", 2, options.asked)}
+        report["network"] = of_networks(train, mel, tested, CANDIDATES[name], options.workers)
+        write_json(options.output, report)
 
 
 if __name__ == "__main__":
