@@ -61,7 +61,7 @@ def plain(manifest: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str,
     return made_once("cluster-plain", make)
 
 
-def waited(what: Any, seconds: float = 60.0) -> Any:
+def waited(what: Any, seconds: float = 240.0) -> Any:
     """The first true answer of ``what()``."""
     deadline = time.monotonic() + seconds
     while not (found := what()):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
@@ -120,6 +121,39 @@ def test_a_network_learns_what_differs_and_not_the_response() -> None:
     loud_above = np.where(np.arange(MELS)[:, None] > band_of(4000.0), 3.0, dull).astype(np.float32)
     assert np.array_equal(network.probabilities(loud_above, 4000.0), network.probabilities(dull, 4000.0))
     assert not np.array_equal(network.probabilities(loud_above, 8200.0), network.probabilities(dull, 8200.0))
+
+
+def test_the_chosen_network_alone_is_asked_about_tests(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    rng, asked_about = np.random.default_rng(0), []
+
+    def noise(split: str) -> separability.Clips:
+        names = [f"{category}/{split}_{n}/0/dry" for category in CATEGORIES for n in range(4)]
+        samples = rng.standard_normal((len(names), SAMPLE_RATE)).astype(np.float32)
+        return separability.Clips(samples, np.repeat(np.arange(len(CATEGORIES)), 4), names)
+
+    def voices_of(split: str, seed: int, units: int, workers: int | None) -> list[separability.Clips]:
+        asked_about.append((split, seed, units))
+        return [noise(split)]
+
+    small = {name: replace(PLAIN, epochs=1, width=2, asked_hz=hz) for name, hz in (("all", 20_000.0), ("low", 4000.0))}
+    monkeypatch.setattr(separability_choice, "CANDIDATES", small)
+    monkeypatch.setattr(separability_choice, "of_voices", voices_of)
+    monkeypatch.setattr(separability_choice, "of_lock", lambda split, seed: noise(split))
+    monkeypatch.setattr(separability_choice, "of_recordings", lambda folder, seed: noise("heard"))
+    monkeypatch.setattr(separability, "NETWORKS", 1)
+    out = tmp_path / "choice.json"
+    words = ["-o", str(out), "--units", "2", "--asked", "1", "--workers", "1"]
+    separability_choice.main(words)
+    assert [split for split, _, _ in asked_about] == ["train", "validation"], "no test voice without --recordings"
+    alone = json.loads(out.read_text())
+    separability_choice.main([*words, "--recordings", str(tmp_path)])
+    assert asked_about[-1] == ("test", 2, 1)
+    found = json.loads(out.read_text())
+    assert set(alone["shares"]) == set(alone["scores"]) == set(small)
+    assert found["chosen"] == max(small, key=lambda name: found["scores"][name])
+    assert set(found["network"]) == {"validation", "test", "recordings"}
+    table = separability.shares_table({"network": found["network"]})
+    assert all(cell for row in table for cell in row)
 
 
 def test_of_each_category_as_many_voices_are_held_back_others_with_another_seed() -> None:
