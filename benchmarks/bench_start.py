@@ -8,13 +8,6 @@ import subprocess
 import sys
 from collections.abc import Sequence
 
-#: Figure → arguments of Python.
-PROGRAMS: dict[str, tuple[str, ...]] = {
-    "avs3d --help (CPU s)": ("-m", "avs3d_bench", "--help"),
-    "avs3d-eval --help (CPU s)": ("-c", "from evaluators.cli import main; main(['--help'])"),
-    "import generators.acoustics, over Python alone (CPU s)": ("-c", "import generators.acoustics"),
-}
-
 
 def run_all(repeats: int) -> dict[str, float]:
     """Measure.
@@ -25,10 +18,16 @@ def run_all(repeats: int) -> dict[str, float]:
     Returns:
         Figure → value.
     """
-    found = {name: statistics.median(_seconds(words) for _ in range(repeats)) for name, words in PROGRAMS.items()}
-    (last,) = (name for name in PROGRAMS if "alone" in name)
-    found[last] -= statistics.median(_seconds(("-c", "")) for _ in range(repeats))
-    return found
+
+    def seconds(*words: str) -> float:
+        return statistics.median(_seconds(words) for _ in range(repeats))
+
+    return {
+        "avs3d --help (CPU s)": seconds("-m", "avs3d_bench", "--help"),
+        "avs3d-eval --help (CPU s)": seconds("-c", "from evaluators.cli import main; main(['--help'])"),
+        "import generators.acoustics, over Python alone (CPU s)": seconds("-c", "import generators.acoustics")
+        - seconds("-c", ""),
+    }
 
 
 def _seconds(words: Sequence[str]) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import platform
+from importlib import import_module
 from pathlib import Path
 
 import click
@@ -44,17 +45,8 @@ TARGETS: dict[str, tuple[float | None, float | None]] = {
 }
 #: Each is `bench_<name>.py`.
 SUITES = (
-    "vision",
-    "acoustics",
-    "pipeline",
-    "siblings",
-    "scoring",
-    "lifting",
-    "listener",
-    "cluster",
-    "loading",
-    "start",
-)
+    "vision", "acoustics", "pipeline", "siblings", "scoring", "lifting", "listener", "cluster", "loading", "start",
+)  # fmt: skip
 
 
 @click.command()
@@ -63,38 +55,13 @@ SUITES = (
 @click.option("--only", type=click.Choice(SUITES), default=None)
 def main(output: Path, repeats: int, only: str | None) -> None:
     """Measure, print medians, and write them as JSON."""
-    from benchmarks import (
-        bench_acoustics,
-        bench_cluster,
-        bench_lifting,
-        bench_listener,
-        bench_loading,
-        bench_pipeline,
-        bench_scoring,
-        bench_siblings,
-        bench_start,
-        bench_vision,
-    )
-
-    suites = {
-        "vision": bench_vision.run_all,
-        "acoustics": bench_acoustics.run_all,
-        "pipeline": bench_pipeline.run_all,
-        "siblings": bench_siblings.run_all,
-        "scoring": bench_scoring.run_all,
-        "lifting": bench_lifting.run_all,
-        "listener": bench_listener.run_all,
-        "cluster": bench_cluster.run_all,
-        "loading": bench_loading.run_all,
-        "start": bench_start.run_all,
-    }
     table = Table(
         "what", "median", "target", title=f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores"
     )
     figures: dict[str, dict[str, float]] = {}
-    for name, suite in suites.items():
+    for name in SUITES:
         if only in (None, name):
-            figures[name] = suite(repeats=repeats)
+            figures[name] = import_module(f"benchmarks.bench_{name}").run_all(repeats=repeats)
             table.add_section()
             for what, value in figures[name].items():
                 most, least = TARGETS.get(what, (None, None))

@@ -74,6 +74,8 @@ SUBSPACES, SHARE, AXES, SHRINKAGE = 16, 0.3, 20, 0.3
 MODULATION_FLOOR = 0.3
 #: Decay times (s) and direct-to-reverberant ratios (dB) of seconds with reverberation.
 T60, DIRECT_DB = (0.25, 0.9), (-9.0, 6.0)
+#: Seeds of the voices of each split, of the recordings that are asked about and of those that are learnt.
+SEEDS = {"train": 0, "validation": 1, "test": 2, "asked": 3, "learnt": 4}
 #: What clips are without and with reverberation; the end of their names.
 STATES = ("dry", "reverberant")
 
@@ -436,9 +438,14 @@ def _shares(probabilities: Array, asked: Clips, these: NDArray[np.bool_]) -> dic
     right_takes = np.array([probabilities[take].mean(axis=0).argmax() for take in takes]) == of_takes
     right, labels = probabilities[these].argmax(axis=1) == asked.labels[these], asked.labels[these]
     return {
-        "seconds": float(np.mean([right[labels == number].mean() for number, _ in _present(labels)])),
-        "takes": float(np.mean([right_takes[of_takes == number].mean() for number, _ in _present(labels)])),
+        "seconds": share_of(right, labels),
+        "takes": share_of(right_takes, of_takes),
     }
+
+
+def share_of(right: NDArray[np.bool_], labels: NDArray[np.int64]) -> float:
+    """The share of right answers (n,), as a mean over the categories that are among the labels (n,)."""
+    return float(np.mean([right[labels == number].mean() for number, _ in _present(labels)]))
 
 
 def _present(labels: NDArray[np.int64]) -> list[tuple[int, str]]:
@@ -550,12 +557,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--left-out", action="store_true", help="leave out each training voice in turn, too (slow)")
     options = parser.parse_args(arguments)
     # Recordings first: where they are missing, that is said before minutes go into voices.
-    learnt = [of_lock("train", 4, options.units)] if options.learn_recordings else []
-    heard = of_lock("test", 3) if options.learn_recordings else of_recordings(options.recordings, 3)
-    train = joined([*of_voices("train", 0, options.units, options.workers), *learnt])
+    learnt = [of_lock("train", SEEDS["learnt"], options.units)] if options.learn_recordings else []
+    heard = (
+        of_lock("test", SEEDS["asked"])
+        if options.learn_recordings
+        else of_recordings(options.recordings, SEEDS["asked"])
+    )
+    train = joined([*of_voices("train", SEEDS["train"], options.units, options.workers), *learnt])
     sets = {
-        split: joined(of_voices(split, 1 + n, options.asked, options.workers))
-        for n, split in enumerate(("validation", "test"))
+        split: joined(of_voices(split, SEEDS[split], options.asked, options.workers))
+        for split in ("validation", "test")
     }
     sets["recordings"] = heard
     report: dict[str, Verdicts] = {}

@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.files import write_json
+from benchmarks import separability
 from benchmarks.separability import (
     CHANGES,
-    Array,
     Clips,
     joined,
     of_lock,
@@ -35,7 +35,7 @@ from benchmarks.separability import (
     of_recordings,
     of_voices,
     prepared,
-    verdict,
+    share_of,
 )
 from benchmarks.separability_network import RANGE, Mels, Network, Training, log_mel
 
@@ -43,8 +43,8 @@ from benchmarks.separability_network import RANGE, Mels, Network, Training, log_
 CANDIDATES = {f"asked below {hz / 1000:g} kHz": Training(asked_hz=hz) for hz in (RANGE[1], 8000.0, 6000.0, 4000.0)}
 #: Of the networks; training voices of each category that are held back.
 SEEDS, HELD = (0, 1), 3
-#: Set → spectra of one or all of `CHANGES`.
-Asked = Mapping[str, tuple[Clips, Sequence[Mels]]]
+#: Set → labels (n,) of its seconds, and their spectra after one or all of `CHANGES`.
+Asked = Mapping[str, tuple[NDArray[np.int64], Sequence[Mels]]]
 
 
 def held_back(voices: NDArray[np.str_], seed: int) -> NDArray[np.bool_]:
@@ -57,34 +57,33 @@ def held_back(voices: NDArray[np.str_], seed: int) -> NDArray[np.bool_]:
 
 def shares(network: Network, asked: Asked, asked_hz: float) -> dict[str, float]:
     """Set → share of right seconds, a mean over its spectra."""
-
-    def share(clips: Clips, answers: Array) -> float:
-        return float(verdict(answers, clips)["seconds"])
-
     return {
-        which: float(np.mean([share(clips, network.probabilities(one, asked_hz)) for one in spectra]))
-        for which, (clips, spectra) in asked.items()
+        which: float(
+            np.mean(
+                [share_of(network.probabilities(one, asked_hz).argmax(axis=1) == labels, labels) for one in spectra]
+            )
+        )
+        for which, (labels, spectra) in asked.items()
     }
 
 
-def measured(train: Clips, mel: Mels, asked: Asked, training: Training, seed: int) -> dict[str, dict[str, float]]:
-    """Candidate → set → share, of the candidates that differ from ``training`` in ``asked_hz`` at most.
+def measured(
+    train: Clips, mel: Mels, asked: Asked, training: Training, asked_hz: Mapping[str, float], seed: int
+) -> dict[str, dict[str, float]]:
+    """Candidate → set → share, of candidates that ask the same network.
 
     Args:
         train: the seconds of all training voices.
         mel: (n, MELS, frames) their `log_mel`.
         asked: what is asked about, beside the voices held back.
         training: how the network is trained.
+        asked_hz: of each candidate.
         seed: of the network and of the voices that are held back.
     """
     out = held_back(train.voices, seed)
     network = Network(mel[~out], train.labels[~out], training, seed)
-    back = Clips(
-        train.samples[:0], train.labels[out], [name for name, here in zip(train.names, out, strict=True) if here]
-    )
-    sets = {"held back": (back, [mel[out]]), **asked}
-    mine = {name: one for name, one in CANDIDATES.items() if replace(one, asked_hz=training.asked_hz) == training}
-    return {name: shares(network, sets, one.asked_hz) for name, one in mine.items()}
+    sets = {"held back": (train.labels[out], [mel[out]]), **asked}
+    return {name: shares(network, sets, hz) for name, hz in asked_hz.items()}
 
 
 def best(found: Mapping[str, Mapping[int, Mapping[str, float]]]) -> tuple[str, dict[str, float]]:
@@ -100,7 +99,7 @@ def best(found: Mapping[str, Mapping[int, Mapping[str, float]]]) -> tuple[str, d
 def asked_of(sets: Mapping[str, Clips], workers: int | None) -> Asked:
     """Sets that candidates are asked about, with the spectra of each of `CHANGES`."""
     return {
-        which: (clips, [prepared(log_mel, clips.samples, change, workers) for change in CHANGES])
+        which: (clips.labels, [prepared(log_mel, clips.samples, change, workers) for change in CHANGES])
         for which, clips in sets.items()
     }
 
@@ -115,19 +114,24 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--workers", type=int, default=None, help="processes [one per core]")
     options = parser.parse_args(arguments)
     # Files first: where they are missing or damaged, that is said before minutes go into voices.
-    tested = {"recordings": of_recordings(options.recordings, 3)} if options.recordings else {}
-    learnt = of_lock("train", 4)
+    tested = (
+        {"recordings": of_recordings(options.recordings, separability.SEEDS["asked"])} if options.recordings else {}
+    )
+    learnt = of_lock("train", separability.SEEDS["learnt"])
 
-    def of(split: str, seed: int, units: int) -> Clips:
-        return joined(of_voices(split, seed, units, options.workers))
+    def of(split: str, units: int) -> Clips:
+        return joined(of_voices(split, separability.SEEDS[split], units, options.workers))
 
-    train, validation = of("train", 0, options.units), of("validation", 1, options.asked)
+    train, validation = of("train", options.units), of("validation", options.asked)
     mel = prepared(log_mel, train.samples, "whole", options.workers)
     asked = asked_of({"validation": validation, "recordings for training": learnt}, options.workers)
     found: dict[str, dict[int, dict[str, float]]] = {name: {} for name in CANDIDATES}
-    for training in dict.fromkeys(replace(one, asked_hz=RANGE[1]) for one in CANDIDATES.values()):
+    trainings: dict[Training, dict[str, float]] = {}
+    for name, one in CANDIDATES.items():
+        trainings.setdefault(replace(one, asked_hz=RANGE[1]), {})[name] = one.asked_hz
+    for training, asked_hz in trainings.items():
         for seed in SEEDS:
-            for name, sets in measured(train, mel, asked, training, seed).items():
+            for name, sets in measured(train, mel, asked, training, asked_hz, seed).items():
                 found[name][seed] = sets
                 said = ", ".join(f"{which} {share:.3f}" for which, share in sets.items())
                 print(f"{name}, seed {seed}: {said}", flush=True)
@@ -136,7 +140,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     write_json(options.output, report)
     print(f"{name}: {scores[name]:.3f}", flush=True)
     if tested:
-        tested |= {"validation": validation, "test": of("test", 2, options.asked)}
+        tested |= {"validation": validation, "test": of("test", options.asked)}
         report["network"] = of_networks(train, mel, tested, CANDIDATES[name], options.workers)
         write_json(options.output, report)
 

@@ -283,7 +283,7 @@ def test_a_worker_that_does_not_answer_cannot_hold_up_the_end(
         try:
             start = time.monotonic()
             run.close()
-            assert time.monotonic() - start < 60
+            assert time.monotonic() - start < 5
         finally:
             os.kill(worker, signal.SIGCONT)
 
@@ -353,7 +353,7 @@ def refusal_of(address: str, monkeypatch: pytest.MonkeyPatch) -> str:
     start = time.monotonic()
     with pytest.raises(Avs3dError) as refused, DaskScheduler(1, address=address):
         pass
-    assert time.monotonic() - start < 20
+    assert time.monotonic() - start < 4
     assert "\n" not in str(refused.value)
     return str(refused.value)
 

@@ -618,6 +618,11 @@ def test_importing_the_evaluator_pulls_in_nothing_heavy():
     assert done.stdout.split() == []
 
 
+def test_help_names_the_protocols(capsys: pytest.CaptureFixture[str]):
+    code, out, _ = run(capsys, "--help")
+    assert (code, "--protocol" in out) == (0, True)
+
+
 @pytest.mark.slow
 def test_objects_out_of_sight_are_a_warning(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """Eight frames have one test frame, in which the object of one of the two observations is not to be seen."""

@@ -177,12 +177,20 @@ def test_candidates_that_differ_in_what_is_asked_share_a_network(monkeypatch: py
     names = [f"{category}/{n}/0/dry" for category in CATEGORIES for n in range(4)]
     train = separability.Clips(np.zeros((count, 1), np.float32), np.repeat(np.arange(7), 4), names)
     mel = rng.normal(size=(count, MELS, 96)).astype(np.float32)
-    small = {"all": Training(epochs=1, width=2), "low": Training(epochs=1, width=2, asked_hz=4000.0)}
-    monkeypatch.setattr(separability_choice, "CANDIDATES", small)
-    asked = {"validation": (train, [mel, mel])}
-    found = separability_choice.measured(train, mel, asked, small["all"], 0)
-    assert {name: set(sets) for name, sets in found.items()} == {key: {"held back", "validation"} for key in small}
+    made: list[Network] = []
+
+    def counted(*of: Any) -> Network:
+        made.append(Network(*of))
+        return made[-1]
+
+    monkeypatch.setattr(separability_choice, "Network", counted)
+    asked, asked_hz = {"validation": (train.labels, [mel, mel])}, {"all": 20_000.0, "low": 4000.0}
+    found = separability_choice.measured(train, mel, asked, Training(epochs=1, width=2), asked_hz, 0)
+    assert len(made) == 1
+    assert {name: set(sets) for name, sets in found.items()} == {key: {"held back", "validation"} for key in asked_hz}
     assert all(0 <= share <= 1 for sets in found.values() for share in sets.values())
+    low = made[0].probabilities(mel, 4000.0).argmax(axis=1) == train.labels
+    assert found["low"]["validation"] == pytest.approx(np.mean([low[train.labels == n].mean() for n in range(7)]))
 
 
 def test_recordings_of_a_split_are_those_in_the_store_each_with_as_many_excerpts_as_a_voice_has_units(
