@@ -15,7 +15,7 @@ from scipy.special import expit
 #: Smallest component that stays marked, as a share of the picture.
 LEAST_AREA = 2e-4
 #: Share of the peak's probability that a component must reach somewhere, to be marked.
-SEED = 0.9
+SEED = 0.95
 #: Radius of the guided filter as a share of the picture's width, and its smoothness (of pictures of 0 to 1).
 RADIUS, SMOOTHNESS = 0.006, 1e-3
 #: Logits are cut here before the filter: beyond, they are certain.
