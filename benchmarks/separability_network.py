@@ -75,7 +75,7 @@ class Training:
     hidden_bands: float = 0.0
     depth_db: float = 60.0
     shows: tuple[str, ...] = ("level",)
-    asked_hz: float = RANGE[1]
+    asked_hz: float = 6000.0
 
 
 def log_mel(clips: NDArray[np.floating]) -> Mels:
