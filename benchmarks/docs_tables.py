@@ -236,8 +236,8 @@ class Results:
     def listener_aims(self) -> str:
         """The aims of the listener beside what was measured."""
         runs = self.seeds()
-        listen = "listener-listen-2d"
-        scenes = self.scores(listen) if (self.folder / f"{listen}.json").exists() else None
+        # Scores of former weights may lie there.
+        scenes = self.scores("listener-listen-2d") if "listen-2d" in runs["package"] else None
         rows = listener_aims.aim_rows(runs["package"], runs[""], scenes)
         return text(["aim", "package", listener_seeds.RUNS[""], ""], rows)
 

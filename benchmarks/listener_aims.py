@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import chain
 from statistics import fmean
 from typing import Any
 
@@ -84,6 +85,14 @@ AIMS = (
 )
 
 
+def answers(aim: Aim) -> list[Aim]:
+    """An aim; where it is one of the network's masks in 2D, also that of the listener's other answer, from the walk."""
+    if not aim.row.endswith("-2d"):
+        return [aim]
+    row, usual = (name and f"{name.removesuffix('-2d')}-both" for name in (aim.row, aim.usual))
+    return [aim, replace(aim, title="… by name and direction", row=row or "", usual=usual)]
+
+
 def marked_without_sound(scores: Scores) -> dict[str, float]:
     """Share of frames in which something is marked, in silence and where all sounds are of other rooms.
 
@@ -106,7 +115,7 @@ def aim_rows(package: Mapping[str, Any], seeds: Mapping[str, Any], scenes: Score
     """
     marked = marked_without_sound(scenes) if scenes else {}
     rows = []
-    for aim in AIMS:
+    for aim in chain.from_iterable(map(answers, AIMS)):
         own = [marked[aim.row]] if aim.row in marked else aim.values(package)
         every = aim.values(seeds)
         said = cell({"values": every, "mean": fmean(every), "interval": None}) if every else MISSING

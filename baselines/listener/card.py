@@ -19,7 +19,7 @@ from avs3d_bench.exports.observation_tar import read_head
 from avs3d_bench.exports.shard_files import list_shards
 from avs3d_bench.exports.shards import SHARDS_JSON
 from avs3d_bench.formats import media
-from avs3d_bench.formats.files import atomic_path, write_json
+from avs3d_bench.formats.files import atomic_path, read_json, write_json
 from avs3d_bench.runtime.parallel import process_each
 from baselines.listener.batches import split_homes
 from baselines.listener.checkpoint import Settings
@@ -71,6 +71,7 @@ def write_result(
     *,
     data: Path | None = None,
     manifest: Path | None = None,
+    weights: Path | None = None,
 ) -> dict[str, Any]:
     """Write the averaged weights of a finished run and its card.
 
@@ -82,6 +83,7 @@ def write_result(
         calibrated: of `calibration.calibrate`.
         data: folder of the shards, whose shards.json may name dataset and manifest.
         manifest: of the training data, whose sha256 the card shall name.
+        weights: that the run began with; their card lies beside them, if there is one.
 
     Returns:
         The card.
@@ -107,6 +109,7 @@ def write_result(
             "homes": sorted(training),
             "validation_homes": sorted(kept),
             "assets": _assets_of_others(data),
+            "before": data_before(weights, settings.weights),
         },
         "training": {
             "command": " ".join(["avs3d", *sys.argv[1:]]),
@@ -130,6 +133,21 @@ def write_result(
     }
     write_card(folder, card)
     return card
+
+
+def data_before(weights: Path | None, digest: str | None) -> list[dict[str, Any]]:
+    """What weights that a run begins with had learnt from, the oldest first; none where no card of theirs is there.
+
+    Args:
+        weights: their file; None: the run begins with none.
+        digest: their sha256.
+    """
+    path = weights.parent / CARD_JSON if weights else None
+    card = read_json(path) if path and path.exists() else {}
+    if not card or card["weights"]["sha256"] != digest:
+        return []
+    data = {**card["data"]}
+    return [*data.pop("before", []), data]
 
 
 def write_card(folder: Path, card: dict[str, Any]) -> None:
@@ -191,8 +209,7 @@ def markdown(card: dict[str, Any]) -> str:
     data, training, weights, warm = card["data"], card["training"], card["weights"], card["calibration"]
     manifest = f"{data['manifest']}, sha256 `{data['manifest_sha256']}`" if data["manifest_sha256"] else "not named"
     shares = ", ".join(f"{name} {value:.1%}" for name, value in training["shares_of_sounds"].items())
-    others = data.get("assets")
-    credited = "not known" if others is None else "; ".join(map(_credit, others)) or "none"
+    before = data.get("before", [])
     figures = "\n".join(
         f"| {name} | {'-' if value is None else f'{value:.3f}'} |" for name, value in card["validation"].items()
     )
@@ -205,9 +222,9 @@ Marks what sounds in a picture, given one second of binaural sound. Categories: 
 - Data: {data["sounds"]:,} sounds of {data["pictures"]:,} pictures; {data["training_homes"]} homes were trained
   on, {len(data["validation_homes"])} kept for validation.
   Manifest: {manifest}. Shards: sha256 `{data["shards_sha256"]}`.
-- Recordings and models by others in the data: {credited}.
+- Recordings and models by others in the data: {_credits(data, *before)}.
 - Command: `{training["command"]}`
-- Began with {_beginning(training)}.
+- Began with {_beginning(training)}{"".join(map(_learnt, before))}.
 - Seed {training["seed"]}, {training["steps"]:,} steps of {training["batch_per_device"]} sounds a device; the first
   {training["picture_steps"]:,} of them were of as many parts of pictures, without sound.
 - Hardware: {", ".join(training["devices"])}; {training["precision"]}; torch {training["torch"]};
@@ -247,6 +264,17 @@ def _dubbed(training: dict[str, Any]) -> str:
     if training.get("dry_sounds"):
         return f"dubbed with the dry sounds of sha256 `{training['dry_sounds']}`"
     return "none of them dubbed"
+
+
+def _learnt(data: dict[str, Any]) -> str:
+    return f"; before, {data['sounds']:,} sounds of {data['pictures']:,} pictures in {data['training_homes']} homes"
+
+
+def _credits(*data: dict[str, Any]) -> str:
+    known: list[list[dict[str, str]] | None] = [each.get("assets") for each in data]
+    found = {credit: None for assets in known for credit in map(_credit, assets or [])}
+    unknown = [] if all(assets is not None for assets in known) else ["not known"]
+    return "; ".join([*found, *unknown]) or "none"
 
 
 def _credit(asset: dict[str, str]) -> str:

@@ -146,6 +146,7 @@ def run_job(job: TrainingOptions, precision: str, *, progress: bool = False) -> 
         return None, result.step, settings.steps
     if found is not None:
         machine = RunMachine.of(fabric, precision)
-        write_result(job.folder, result, settings, machine, found, data=job.data, manifest=job.manifest)
+        sources: dict[str, Any] = {"data": job.data, "manifest": job.manifest, "weights": job.weights}
+        write_result(job.folder, result, settings, machine, found, **sources)
     sys.stdout.flush()
     return result.finished, result.step, settings.steps

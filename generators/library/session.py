@@ -192,7 +192,7 @@ def check_sound(entry: AssetEntry, session: Session) -> None:
     """Refuse a sound that generation could not use, and note what is heard of a poor one.
 
     Raises:
-        Avs3dError: naming the asset: not decodable, too short, also for its trim, silent, with samples that are no
+        Avs3dError: naming the asset: not decodable, truncated, too short, also for its trim, silent, with samples that are no
             numbers.
     """
     from generators.assets.sounds import survey
@@ -203,6 +203,8 @@ def check_sound(entry: AssetEntry, session: Session) -> None:
     except (soundfile.SoundFileError, RuntimeError) as error:
         reason = " ".join(str(error).replace(str(path), path.name).split())
         raise Avs3dError(f"{what}: {path.name} cannot be decoded as a sound ({reason}); try another format") from None
+    if found.missing:
+        raise Avs3dError(f"{what}: truncated, {found.missing} bytes of its samples are missing; fetch or copy it again")
     if found.seconds < SHORTEST:
         raise Avs3dError(
             f"{what}: lasts {found.seconds:.2f} s; expected at least {SHORTEST} s; choose another recording"

@@ -718,11 +718,17 @@ def test_a_run_begins_with_trained_weights_and_says_so(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from baselines.listener import job
+    from baselines.listener.card import data_before
     from baselines.listener.cli import train
 
     monkeypatch.setitem(job.SIZES, "small", SMALL)
     torch.manual_seed(8)
     digest = weights.save_weights(Listener(SMALL), tmp_path / "trained.safetensors")
+    credit = {"asset": "recording:clock", "author": "Ann Example", "name": "CC-BY-4.0", "source": "https://example.org"}
+    learnt = {"sounds": 1234, "pictures": 56, "training_homes": 7, "assets": [credit]}
+    earlier = {**learnt, "training_homes": 3, "assets": []}
+    former = {"weights": {"sha256": digest}, "data": {**learnt, "before": [earlier]}}
+    (tmp_path / "model_card.json").write_text(json.dumps(former))
     options = ["listener", "--data", str(data), "-o", str(tmp_path / "run"), "--steps", "1", "--batch-size", "4",
                "--precision", "fp32", "--accelerator", "cpu", "--workers", "1", "--rate", "1e-9",
                "--weights", str(tmp_path / "trained.safetensors")]  # fmt: skip
@@ -736,7 +742,13 @@ def test_a_run_begins_with_trained_weights_and_says_so(
         assert torch.allclose(one, other, atol=1e-4), name
     card = json.loads((tmp_path / "run" / "model_card.json").read_text())
     assert card["training"]["began_with"] == digest
-    assert f"Began with the weights of sha256 `{digest}`" in (tmp_path / "run" / "model_card.md").read_text()
+    text = (tmp_path / "run" / "model_card.md").read_text()
+    assert f"Began with the weights of sha256 `{digest}`" in text
+    # What they had learnt from stays known, and its makers credited.
+    assert card["data"]["before"] == [earlier, learnt]
+    assert "before, 1,234 sounds of 56 pictures in 7 homes" in text
+    assert "recording:clock by Ann Example (CC-BY-4.0" in text
+    assert data_before(tmp_path / "trained.safetensors", "0" * 64) == []  # the card of other weights
     # Neither with random ones nor with others.
     with pytest.raises(UsageError, match=rf"a run with weights {digest}, asked for None"):
         CliRunner().invoke(train, [*options[:-2], "--size", "small"], catch_exceptions=False)

@@ -333,6 +333,9 @@ def poor(kind: str, path: Path) -> None:
         soundfile.write(path, np.zeros(2 * SR), SR)
     elif kind == "opposite channels":
         soundfile.write(path, np.stack([noise(2), -noise(2)], axis=1), SR)
+    elif kind == "truncated":
+        soundfile.write(path, noise(2), SR)
+        path.write_bytes(path.read_bytes()[:-2000])
     elif kind == "NaN":
         soundfile.write(path, np.append(noise(2), np.nan), SR, subtype="FLOAT")
     else:
@@ -348,6 +351,7 @@ def poor(kind: str, path: Path) -> None:
         ("0.2 s", "lasts 0.20 s; expected at least 0.5 s; choose another recording", False),
         ("silence", "is silent (peak 0 in the mean of its channels); choose another recording", False),
         ("opposite channels", "e-05 in the mean of its channels); choose another recording", False),
+        ("truncated", "truncated, 2000 bytes of its samples are missing; fetch or copy it again", False),
         ("NaN", "has samples that are NaN or infinite", False),
         ("clipped", "of its samples are clipped, and will sound so", True),
     ],

@@ -104,6 +104,12 @@ def test_an_aim_is_met_or_missed_by_the_package_and_a_loss_is_that_of_the_worse_
     again = {row[0]: row[1:] for row in listener_aims.aim_rows(package, seeds, scenes)}
     assert again["loss with other heads ≤ .05"] == ["–", "–", "not measured"]
     assert rows["class map, IoU of clocks ≥ .65"] == ["–", "–", "not measured"]
+    # An aim for masks in 2D has a row for each answer.
+    package["open-s34-o7-both"] = {"part_1": {"strict_IoU": of(0.8)}}
+    titled = [row[:2] for row in listener_aims.aim_rows(package, seeds, scenes)]
+    place = titled.index(["strict IoU with test voices, part_1 ≥ .75", ".750"])
+    assert titled[place + 1] == ["… by name and direction ≥ .75", ".800"]
+    assert sum("by name and direction" in title for title, _ in titled) == 9
     # The observations in silence have no category.
     silent = [one.listen for one in scenes.observations if one.category is None]
     assert [one and one.FP_rate for one in silent] == [0.0] * 4

@@ -107,12 +107,14 @@ class SoundSurvey:
         sample_rate: Hz.
         peak: largest magnitude of a sample of the mean of all channels, full scale 1; NaN if one is not finite.
         clipped: share of the samples that lie in runs of three or more at the ends of the scale.
+        missing: bytes of samples that the header promises and the file has not.
     """
 
     seconds: float
     sample_rate: int
     peak: float
     clipped: float
+    missing: int
 
 
 def survey(path: Path) -> SoundSurvey:
@@ -130,7 +132,7 @@ def survey(path: Path) -> SoundSurvey:
             runs = ends[2:] & ends[1:-1] & ends[:-2]
             flat += int((np.pad(runs, ((2, 0), (0, 0))) | np.pad(runs, ((0, 2), (0, 0)))).any(axis=1).sum())
             count += len(block)
-    return SoundSurvey(count / rate, rate, peak, flat / max(count, 1))
+    return SoundSurvey(count / rate, rate, peak, flat / max(count, 1), _missing_bytes(path))
 
 
 @dataclass(frozen=True)
