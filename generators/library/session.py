@@ -192,8 +192,8 @@ def check_sound(entry: AssetEntry, session: Session) -> None:
     """Refuse a sound that generation could not use, and note what is heard of a poor one.
 
     Raises:
-        Avs3dError: naming the asset: not decodable, truncated, too short, also for its trim, silent, with samples that are no
-            numbers.
+        Avs3dError: naming the asset: not decodable, truncated, too short, also for its trim, silent, with samples that
+            are no numbers.
     """
     from generators.assets.sounds import survey
 
