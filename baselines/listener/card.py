@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 import sys
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -71,7 +72,7 @@ def write_result(
     *,
     data: Path | None = None,
     manifest: Path | None = None,
-    weights: Path | None = None,
+    before: Sequence[dict[str, Any]] = (),
 ) -> dict[str, Any]:
     """Write the averaged weights of a finished run and its card.
 
@@ -83,7 +84,7 @@ def write_result(
         calibrated: of `calibration.calibrate`.
         data: folder of the shards, whose shards.json may name dataset and manifest.
         manifest: of the training data, whose sha256 the card shall name.
-        weights: that the run began with; their card lies beside them, if there is one.
+        before: `data_before` of the weights that the run began with.
 
     Returns:
         The card.
@@ -109,7 +110,7 @@ def write_result(
             "homes": sorted(training),
             "validation_homes": sorted(kept),
             "assets": _assets_of_others(data),
-            "before": data_before(weights, settings.weights),
+            "before": [*before],
         },
         "training": {
             "command": " ".join(["avs3d", *sys.argv[1:]]),
@@ -135,16 +136,16 @@ def write_result(
     return card
 
 
-def data_before(weights: Path | None, digest: str | None) -> list[dict[str, Any]]:
-    """What weights that a run begins with had learnt from, the oldest first; none where no card of theirs is there.
+def data_before(weights: Path, digest: str) -> list[dict[str, Any]]:
+    """What weights that a run begins with had learnt from, the oldest first; none where no card of theirs is beside.
 
     Args:
-        weights: their file; None: the run begins with none.
+        weights: their file.
         digest: their sha256.
     """
-    path = weights.parent / CARD_JSON if weights else None
-    card = read_json(path) if path and path.exists() else {}
-    if not card or card["weights"]["sha256"] != digest:
+    path = weights.parent / CARD_JSON
+    card = read_json(path) if path.exists() else {}
+    if card.get("weights", {}).get("sha256") != digest:
         return []
     data = {**card["data"]}
     return [*data.pop("before", []), data]

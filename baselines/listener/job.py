@@ -18,7 +18,7 @@ from avs3d_bench.runtime.freed_memory import keep_freed_memory
 from baselines.listener.augment import Bank
 from baselines.listener.batches import SOUNDS, Sampler
 from baselines.listener.calibration import calibrate
-from baselines.listener.card import RunMachine, write_result
+from baselines.listener.card import RunMachine, data_before, write_result
 from baselines.listener.checkpoint import Settings
 from baselines.listener.dry import read_dry
 from baselines.listener.lite import installed_weights
@@ -114,6 +114,7 @@ def run_job(job: TrainingOptions, precision: str, *, progress: bool = False) -> 
     fabric = make_fabric(job, precision)
     fabric.launch()
     begun = read_weights(job.weights) if job.weights else None
+    before = data_before(job.weights, begun.digest) if job.weights and begun else []
     dry = read_dry(job.dry) if job.dry else None
     # The settings are checked before minutes are spent on reading.
     settings = Settings(
@@ -146,7 +147,7 @@ def run_job(job: TrainingOptions, precision: str, *, progress: bool = False) -> 
         return None, result.step, settings.steps
     if found is not None:
         machine = RunMachine.of(fabric, precision)
-        sources: dict[str, Any] = {"data": job.data, "manifest": job.manifest, "weights": job.weights}
+        sources: dict[str, Any] = {"data": job.data, "manifest": job.manifest, "before": before}
         write_result(job.folder, result, settings, machine, found, **sources)
     sys.stdout.flush()
     return result.finished, result.step, settings.steps
