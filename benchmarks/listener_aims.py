@@ -89,8 +89,8 @@ def answers(aim: Aim) -> list[Aim]:
     """An aim; where it is one of the network's masks in 2D, also that of the listener's other answer, from the walk."""
     if not aim.row.endswith("-2d"):
         return [aim]
-    row, usual = (name and f"{name.removesuffix('-2d')}-both" for name in (aim.row, aim.usual))
-    return [aim, replace(aim, title="… by name and direction", row=row or "", usual=usual)]
+    row, usual = aim.row.replace("-2d", "-both"), aim.usual and aim.usual.replace("-2d", "-both")
+    return [aim, replace(aim, title="… by name and direction", row=row, usual=usual)]
 
 
 def marked_without_sound(scores: Scores) -> dict[str, float]:

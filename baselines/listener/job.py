@@ -147,7 +147,6 @@ def run_job(job: TrainingOptions, precision: str, *, progress: bool = False) -> 
         return None, result.step, settings.steps
     if found is not None:
         machine = RunMachine.of(fabric, precision)
-        sources: dict[str, Any] = {"data": job.data, "manifest": job.manifest, "before": before}
-        write_result(job.folder, result, settings, machine, found, **sources)
+        write_result(job.folder, result, settings, machine, found, data=job.data, manifest=job.manifest, before=before)
     sys.stdout.flush()
     return result.finished, result.step, settings.steps

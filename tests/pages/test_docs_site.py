@@ -57,6 +57,14 @@ def test_every_page_is_in_the_navigation_once(hooks: ModuleType) -> None:
     assert sorted(navigation()) == sorted([*pages, *hooks.ROOT_PAGES.values()])
 
 
+@pytest.mark.parametrize("path", [ROOT / "README.md", *PAGES], ids=lambda path: path.stem)
+def test_each_row_of_a_table_has_the_cells_of_its_head(path: Path) -> None:
+    text = re.sub(r"^```.*?^```", "", path.read_text(), flags=re.DOTALL | re.MULTILINE)
+    for rows in re.findall(r"(?:^\|.*\n)+", text, flags=re.MULTILINE):
+        bars = [len(re.findall(r"(?<!\\)\|", re.sub(r"`[^`]*`", "", row))) for row in rows.splitlines()]
+        assert bars == bars[:1] * len(bars), rows
+
+
 def test_no_page_is_long() -> None:
     lines = {path.name: len(path.read_text(encoding="utf-8").splitlines()) for path in [*PAGES, ROOT / "README.md"]}
     assert [name for name, count in lines.items() if count > MOST_LINES] == []
