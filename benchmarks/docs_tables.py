@@ -251,7 +251,7 @@ class Results:
         """Figures of the listener's training seeds under ``listen``."""
         names = [name.replace("_", " ") for name in sound_rows.LISTEN_FIGURES]
         rows = listener_seeds.listen_rows(self.seeds())
-        return text(["answer", "weights", *names], rows) if rows else UNMEASURED
+        return text(["sounds", "answer", "weights", *names], rows) if rows else UNMEASURED
 
     def seeds_categories(self) -> str:
         """Strict IoU of the package by category."""

@@ -57,9 +57,13 @@ ABLATION_MINUTES ?= $(if $(TRAINED)$(filter 0,$(GPUS)),0,13)
 ABLATION_OPTIONS ?=
 # Test sets: NAME is scenes_manifest/NAME.yaml with the tracer's sound, NAME+ENGINE with another engine's, NAME-heads with heads
 # for tests, NAME-pathtraced with path-traced pictures. MANIFEST_NAME is another file, TEST_OPTIONS_NAME are more options. Those
-# that play recordings or show models of others need these in the store.
+# that play recordings or show models of others need these in the store. Path-traced pictures cost the most: they, and the usual
+# pictures that they are compared with, have fewer frames.
 TESTS ?= open-s34-o7 listen open-s34-o7-heads open-s34-o7+soundspaces
 TEST_OPTIONS ?= --size 504 --frames 64
+MANIFEST_open-s34-o7-24frames ?= scenes_manifest/open-s34-o7.yaml
+TEST_OPTIONS_open-s34-o7-24frames ?= --frames 24
+TEST_OPTIONS_open-s34-o7-pathtraced ?= --frames 24
 TEST_DEVICE ?= $(DEVICE)
 # Rows that each seed has, and those of the best seed alone, on these sets.
 ROWS ?= 2d direction both
@@ -67,7 +71,7 @@ BEST_TESTS ?= $(filter open-s34-o7 listen,$(TESTS))
 BEST_ROWS ?= truth listener controls
 # EchoSegnet on the masks of the best seed.
 TESTS_3D ?= $(filter open-s34-o7 listen,$(TESTS))
-OPTIONS_3D ?= --rows spatial --rows spatial-direction --rows official --iterations 7000
+OPTIONS_3D ?= --rows spatial --rows spatial-direction --iterations 3000
 # Figures of the seeds and of the best one, and its page.
 FIGURES ?= $(LISTENER)/figures
 

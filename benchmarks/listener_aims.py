@@ -73,7 +73,7 @@ AIMS = (
         "loss with path-traced pictures of all observations",
         0.05,
         f"{_OPEN}-pathtraced-2d",
-        usual=f"{_OPEN}-2d",
+        usual=f"{_OPEN}-24frames-2d",
         most=True,
     ),
     Aim("class map, IoU of clocks", 0.65, _SEEN, "classes", "clock"),
@@ -86,7 +86,9 @@ AIMS = (
 
 
 def answers(aim: Aim) -> list[Aim]:
-    """An aim; where it is one of the network's masks in 2D, also that of the listener's other answer, from the walk."""
+    """An aim; where it is one of the network's masks, also that of the listener's other answer, from the walk."""
+    if aim.row.endswith("-spatial"):
+        return [aim, replace(aim, title="… on masks of direction", row=f"{aim.row}-direction")]
     if not aim.row.endswith("-2d"):
         return [aim]
     row, usual = aim.row.replace("-2d", "-both"), aim.usual and aim.usual.replace("-2d", "-both")

@@ -29,9 +29,11 @@ from benchmarks.sound_rows import LISTEN_FIGURES, row_of
 #: Datasets of strict IoU in the docs: its name in files of scores → what differs.
 TESTS = {
     "open-s34-o7": "test voices", "open-s34-o7-recorded": "recordings", "open-s34-o7-heads": "other heads",
-    "open-s34-o7+soundspaces": "other engine", "open-s34-o7-pathtraced": "path-traced pictures",
-    "open-s34-o7-sh3d": "other models", "open-scans": "a real room",
+    "open-s34-o7+soundspaces": "other engine", "open-s34-o7-sh3d": "other models", "open-scans": "a real room",
+    "open-s34-o7-24frames": "test voices, 24 frames", "open-s34-o7-pathtraced": "path-traced pictures, 24 frames",
 }  # fmt: skip
+#: Datasets of part_3, and what they play.
+SCENES = {"listen": "test voices", "listen-recorded": "recordings"}
 #: Datasets whose pictures differ, for what the network sees.
 PICTURES = ("open-s34-o7", "open-s34-o7-sh3d", "open-scans")
 #: Rows that need no other sound.
@@ -128,12 +130,13 @@ def strict_rows(runs: Mapping[str, Any]) -> list[list[str]]:
 
 
 def listen_rows(runs: Mapping[str, Any]) -> list[list[str]]:
-    """Rows of ``listen`` for the docs: the answer, the run, and a cell for each of `LISTEN_FIGURES`."""
+    """Rows of `SCENES` for the docs: what sounds, the answer, the run, and a cell for each of `LISTEN_FIGURES`."""
     return [
-        [answer, RUNS[run], *(_cells({run: found}, f"listen-{row}", "part_3", one)[0] for one in LISTEN_FIGURES)]
+        [sounds, answer, RUNS[run], *(_cells({run: found}, name, "part_3", one)[0] for one in LISTEN_FIGURES)]
+        for data, sounds in SCENES.items()
         for row, answer in ANSWERS.items()
         for run, found in runs.items()
-        if f"listen-{row}" in found
+        if (name := f"{data}-{row}") in found
     ]
 
 
