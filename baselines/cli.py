@@ -415,7 +415,7 @@ def listener(
 @click.option(
     "--listener-answer", type=click.Choice(["category", "sounding", "direction"]), default=None,
     help="Of --masks listener: every object of the category that is heard, what it says sounds, or the object from "
-    "whose place the sound comes, whatever it is called [category].",
+    "whose place the sound comes, whatever it is called [official: category; spatial: direction].",
 )  # fmt: skip
 @click.option(
     "--variant", type=click.Choice(["official", "spatial"]), default="official", show_default=True,
@@ -550,13 +550,14 @@ class _EchosegnetOptions:
         require("baselines")
         from baselines.echosegnet.network_masks import NetworkMasks
 
-        if self.listener_answer == "direction":
+        # Where a sound is misnamed, `category` has the wrong objects; AISRM chooses among all objects of a category.
+        which: Any = self.listener_answer or ("direction" if self.variant == "spatial" else "category")
+        if which == "direction":
             from baselines.direction_alone import load_direction_marker
 
             return NetworkMasks(load_direction_marker(self.listener_weights, hearing=self.sound))
         from baselines.listener.marks import load_marker
 
-        which: Any = self.listener_answer or "category"
         return NetworkMasks(load_marker(self.listener_weights, which=which, hearing=self.sound))
 
     def settings(self, source: AnySource) -> Settings:

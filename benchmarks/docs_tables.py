@@ -236,9 +236,7 @@ class Results:
     def listener_aims(self) -> str:
         """The aims of the listener beside what was measured."""
         runs = self.seeds()
-        # Scores of former weights may lie there.
-        scenes = self.scores("listener-listen-2d") if "listen-2d" in runs["package"] else None
-        rows = listener_aims.aim_rows(runs["package"], runs[""], scenes)
+        rows = listener_aims.aim_rows(runs["package"], runs[""])
         return text(["aim", "package", listener_seeds.RUNS[""], ""], rows)
 
     def seeds_strict(self) -> str:

@@ -8,7 +8,6 @@ from itertools import chain
 from statistics import fmean
 from typing import Any
 
-from avs3d_bench.contract.scores import Scores
 from benchmarks.listener_seeds import PARTS, cell
 from benchmarks.listener_summary import MISSING, share
 
@@ -21,7 +20,7 @@ class Aim:
         title: in the table.
         limit: the figure is to be at least this, a loss or error at most.
         row: dataset and row of the figure.
-        group: part, or what `figures_of` has of the class map.
+        group: part, or what `figures_of` has of the class map and of frames without a sound from the room.
         metric: name of the figure.
         usual: dataset and row that a loss is against, of as many observations; the larger loss of both parts counts.
         most: whether the limit is the largest value.
@@ -55,8 +54,6 @@ class Aim:
 
 
 _OPEN, _SEEN = "open-s34-o7", "open-s34-o7-classes"
-#: Read from the scores of each observation; see `marked_without_sound`.
-_SILENT, _ELSEWHERE = "marked in silence", "marked with sounds of other rooms alone"
 AIMS = (
     Aim("strict IoU with recordings, part_1", 0.60, f"{_OPEN}-recorded-2d", "part_1"),
     Aim("… with `spatial`", 0.70, f"{_OPEN}-recorded-spatial", "part_1"),
@@ -80,8 +77,8 @@ AIMS = (
     Aim("… of telephones", 0.55, _SEEN, "classes", "telephone"),
     Aim("… of vacuum cleaners", 0.70, _SEEN, "classes", "vacuum_cleaner"),
     Aim("calibration error above .1", 0.05, _SEEN, "masks", "calibration_error", most=True),
-    Aim(_SILENT, 0.01, _SILENT, most=True),
-    Aim(_ELSEWHERE, 0.05, _ELSEWHERE, most=True),
+    Aim("marked in silence", 0.01, "listen-2d", "marked", "silence", most=True),
+    Aim("marked with sounds of other rooms alone", 0.05, "listen-2d", "marked", "other_rooms", most=True),
 )
 
 
@@ -95,31 +92,15 @@ def answers(aim: Aim) -> list[Aim]:
     return [aim, replace(aim, title="… by name and direction", row=row, usual=usual)]
 
 
-def marked_without_sound(scores: Scores) -> dict[str, float]:
-    """Share of frames in which something is marked, in silence and where all sounds are of other rooms.
-
-    Args:
-        scores: of a dataset of part_3.
-    """
-    found: dict[str, list[float]] = {_SILENT: [], _ELSEWHERE: []}
-    for one in scores.observations:
-        if one.listen is not None and one.listen.FP_rate is not None and not one.listen.visible_frames:
-            found[_ELSEWHERE if one.category else _SILENT].append(one.listen.FP_rate)
-    return {name: fmean(rates) for name, rates in found.items() if rates}
-
-
-def aim_rows(package: Mapping[str, Any], seeds: Mapping[str, Any], scenes: Scores | None) -> list[list[str]]:
+def aim_rows(package: Mapping[str, Any], seeds: Mapping[str, Any]) -> list[list[str]]:
     """Rows of the docs: the aim, the package, the seeds, and whether the package has it.
 
     Args:
         package, seeds: of `figures_of`.
-        scenes: of the package's row in 2D on `listen`, if it was measured.
     """
-    marked = marked_without_sound(scenes) if scenes else {}
     rows = []
     for aim in chain.from_iterable(map(answers, AIMS)):
-        own = [marked[aim.row]] if aim.row in marked else aim.values(package)
-        every = aim.values(seeds)
+        own, every = aim.values(package), aim.values(seeds)
         said = cell({"values": every, "mean": fmean(every), "interval": None}) if every else MISSING
         limit = f"{aim.title} {'≤' if aim.most else '≥'} {share(aim.limit, 2)}"
         rows.append([limit, share(own[0]) if own else MISSING, said, aim.verdict(own[0]) if own else "not measured"])

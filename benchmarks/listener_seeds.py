@@ -3,7 +3,7 @@
 Each folder has the files of `benchmarks.listener_tables` for one seed, and those of `benchmarks.listener_classes` as
 ``classes-DATASET.json``. Of each row and dataset, the file has strict IoU of each part and category, and under
 ``listen`` the pair accuracy by kind of pair: the mean over the seeds, the value of each, and the interval over homes
-of the first seed; and how many observations each has. ``DATASET-classes`` has what the network sees. `--table` prints
+of the first seed; how many observations each has; and how often something is marked that does not sound in the room. ``DATASET-classes`` has what the network sees. `--table` prints
 the rows as a table.
 
 docs/results/listener-seeds.json is of three seeds, listener-seeds-package.json of the package's weights, one of them.
@@ -62,12 +62,15 @@ def figures_of(folders: tuple[Path, ...]) -> dict[str, dict[str, Any]]:
     for name, files in _in_all(folders, "listener-"):
         if files[0].name == RUN_JSON:
             continue
-        rows = [row_of(read_record(file, Scores)) for file in files]
+        each_scores = [read_record(file, Scores) for file in files]
+        rows = [row_of(scores) for scores in each_scores]
         found[name] = {
             group: {metric: _over([row[group][metric] for row in rows]) for metric in metrics}
             for group, metrics in rows[0].items()
             if isinstance(metrics, dict)
         } | {"observations": [row["observations"] for row in rows]}
+        if marked := _plain([_marked_without_sound(scores) for scores in each_scores]):
+            found[name]["marked"] = marked
     for name, files in _in_all(folders, "classes-"):
         each = [one for file in files for one in read_json(file)["datasets"].values()]
         found[f"{name}-classes"] = {
@@ -75,6 +78,15 @@ def figures_of(folders: tuple[Path, ...]) -> dict[str, dict[str, Any]]:
             "masks": _plain([{name: one[name] for name in ("calibration_error", "average_precision")} for one in each]),
         }
     return found
+
+
+def _marked_without_sound(scores: Scores) -> dict[str, float | None]:
+    """Of part_3, share of frames in which something is marked, in silence and where all sounds are of other rooms."""
+    found: dict[str, list[float]] = {"silence": [], "other_rooms": []}
+    for one in scores.observations:
+        if one.listen is not None and one.listen.FP_rate is not None and not one.listen.visible_frames:
+            found["other_rooms" if one.category else "silence"].append(one.listen.FP_rate)
+    return {name: fmean(rates) if rates else None for name, rates in found.items()}
 
 
 def _in_all(folders: tuple[Path, ...], prefix: str) -> Iterator[tuple[str, list[Path]]]:

@@ -47,5 +47,5 @@ def settings_lines(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
 
 
 def share(value: float | None, digits: int = 3) -> str:
-    """``.812``, ``1.000``; `MISSING` for None."""
-    return MISSING if value is None else f"{value:.{digits}f}".removeprefix("0")
+    """``.812``, ``-.006``, ``1.000``; `MISSING` for None."""
+    return MISSING if value is None else f"{value:.{digits}f}".replace("-0.", "-.").removeprefix("0")

@@ -196,17 +196,20 @@ def test_only_train_frames_are_marked(data: Path, tmp_path: Path, monkeypatch: p
 # The command
 
 
-def test_an_untrained_network_marks_nothing_and_so_does_the_submission(data: Path, saved: Path, tmp_path: Path) -> None:
-    arguments = ["echosegnet", "--dataset", str(data), "-o", str(tmp_path / "out"), "--masks", "listener",
-                 "--listener-weights", str(saved), "--device", "cpu", "--only", tiny.SINGLE]  # fmt: skip
+@pytest.mark.parametrize(("variant", "answer"), [("official", "category"), ("spatial", "direction")])
+def test_an_untrained_network_marks_nothing_and_so_does_the_submission(
+    data: Path, saved: Path, tmp_path: Path, variant: str, answer: str
+) -> None:
+    arguments = ["echosegnet", "--dataset", str(data), "-o", str(tmp_path / "out"), "--masks", "listener", "--variant",
+                 variant, "--listener-weights", str(saved), "--device", "cpu", "--only", tiny.SINGLE]  # fmt: skip
     found = CliRunner().invoke(baseline, arguments, catch_exceptions=False)
     assert found.exit_code == 0, found.output
     for frame in Dataset(data)[tiny.SINGLE].test:
         assert not media.read_png_mask(tmp_path / "out" / tiny.SINGLE / "masks" / f"{frame.name}.png").any()
     record = media.read_json(tmp_path / "out" / layout.SUBMISSION_JSON)
-    assert record["method"] == "EchoSegnet, official, masks: listener (category)"
+    assert record["method"] == f"EchoSegnet, {variant}, masks: listener ({answer})"
     assert f"weights {weights.load_listener(saved)[1][:12]}" in record["notes"]
-    assert record["runtime"]["masks"] == "listener (category)"
+    assert record["runtime"]["masks"] == f"listener ({answer})"
     assert record.get("truth") is None
     assert not list((tmp_path / "out.work").rglob("gaussians-*"))  # nothing to lift, so nothing was trained
 

@@ -6,9 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from avs3d_bench.contract.scores import Scores
 from avs3d_bench.formats.files import write_json
-from avs3d_bench.formats.media import read_record
 from benchmarks import listener_aims
 from benchmarks.listener_seeds import (
     cell,
@@ -94,26 +92,37 @@ def test_an_aim_is_met_or_missed_by_the_package_and_a_loss_is_that_of_the_worse_
     heads = {"part_1": {"strict_IoU": of(0.5, 0.6)}, "part_2": {"strict_IoU": of(0.7, 0.6)}}
     seeds = {"open-s34-o7-2d": usual, "open-s34-o7-heads-2d": heads}
     package = {"open-s34-o7-2d": {"part_1": {"strict_IoU": of(0.75)}, "part_2": {"strict_IoU": of(0.7)}}}
-    scenes = read_record(RESULTS / "listen-pipeline-spatial.json", Scores)
-    rows = {row[0]: row[1:] for row in listener_aims.aim_rows(package, seeds, scenes)}
+    rows = {row[0]: row[1:] for row in listener_aims.aim_rows(package, seeds)}
     assert rows["strict IoU with test voices, part_1 ≥ .75"] == [".750", ".600 (.500–.700)", "met"]
     assert rows["strict IoU with test voices, part_2 ≥ .75"] == [".700", ".700 (.600–.800)", "missed by .05"]
     assert rows["loss with other heads ≤ .05"] == ["–", ".100 (.100–.100)", "not measured"]
     heads["observations"] = [33, 34]  # of other observations it is no loss
     usual["observations"] = [34, 34]
-    again = {row[0]: row[1:] for row in listener_aims.aim_rows(package, seeds, scenes)}
+    again = {row[0]: row[1:] for row in listener_aims.aim_rows(package, seeds)}
     assert again["loss with other heads ≤ .05"] == ["–", "–", "not measured"]
     assert rows["class map, IoU of clocks ≥ .65"] == ["–", "–", "not measured"]
     # An aim for masks in 2D has a row for each answer.
     package["open-s34-o7-both"] = {"part_1": {"strict_IoU": of(0.8)}}
-    titled = [row[:2] for row in listener_aims.aim_rows(package, seeds, scenes)]
+    titled = [row[:2] for row in listener_aims.aim_rows(package, seeds)]
     place = titled.index(["strict IoU with test voices, part_1 ≥ .75", ".750"])
     assert titled[place + 1] == ["… by name and direction ≥ .75", ".800"]
-    assert sum("by name and direction" in title for title, _ in titled) == 9
+    assert sum("by name and direction" in title for title, _ in titled) == 11
+
+
+def test_what_is_marked_in_silence_is_told_from_what_is_marked_while_other_rooms_sound(tmp_path: Path) -> None:
+    scores = json.loads((RESULTS / "listen-pipeline-spatial.json").read_bytes())
+    unheard = [one for one in scores["observations"] if not one["listen"]["visible_frames"]]
     # The observations in silence have no category.
-    silent = [one.listen for one in scenes.observations if one.category is None]
-    assert [one and one.FP_rate for one in silent] == [0.0] * 4
+    silent, elsewhere = ([one for one in unheard if bool(one["category"]) == named] for named in (False, True))
+    assert [one["listen"]["FP_rate"] for one in silent] == [0.0] * 4
+    assert elsewhere
+    for one in elsewhere:
+        one["listen"]["FP_rate"] = 0.25
+    write_json(tmp_path / "listener-listen-2d.json", scores)
+    package = figures_of((tmp_path,))
+    rows = {row[0]: row[1:] for row in listener_aims.aim_rows(package, {})}
     assert rows["marked in silence ≤ .01"] == [".000", "–", "met"]
+    assert rows["marked with sounds of other rooms alone ≤ .05"] == [".250", "–", "missed by .20"]
 
 
 def test_the_cell_of_one_seed_has_its_interval_over_homes() -> None:
