@@ -3,7 +3,7 @@
     python -m benchmarks.listener_page SCORES [LABEL=]ROOT… --work DIR --page PAGE
 
 Writes a page for each dataset, ``results/listener-<dataset>.md`` beside PAGE, and replaces what is between the lines
-``<!-- tables -->`` and ``<!-- end of tables -->`` of PAGE: links to them, times. With the datasets and
+``<!-- tables -->`` and ``<!-- end of tables -->`` of PAGE: links to them. With the datasets and
 ``--work`` it draws ``listener-<dataset>-failures.jpg`` as well (`benchmarks.listener_failures`). The pages of docs/
 are written by `benchmarks.docs_tables`, which uses `pages`.
 """
@@ -11,7 +11,7 @@ are written by `benchmarks.docs_tables`, which uses `pages`.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -149,16 +149,17 @@ def _is_current(document: Mapping[str, Any], name: str) -> bool:
     return bool(made.get("weights", document["weights"]) == document["weights"])
 
 
-def time_table(document: Mapping[str, Any], output: Path) -> list[str]:
-    """Seconds and hardware of every row whose scores are there."""
-    rows = []
-    for name, entry in document["rows"].items():
-        if not (output / f"listener-{name}.json").exists() or not _is_current(document, name):
+def time_table(document: Mapping[str, Any], label: str, rows: Iterable[str]) -> list[str]:
+    """Minutes and hardware of rows of one dataset; Gaussians count where they were trained."""
+    lines = []
+    for row in rows:
+        entry = document["rows"].get(f"{label}-{row}")
+        if entry is None:
             continue
         per_frame = f"{1000 * entry['seconds'] / max(1, entry['frames']):.0f} ms"
-        rows.append([name, str(entry["observations"]), str(entry["frames"]), f"{entry['seconds'] / 60:.1f}", per_frame,
-                     entry["hardware"]])  # fmt: skip
-    return table(("row", "observations", "test frames", "minutes", "per test frame", "hardware"), rows)
+        lines.append([ROWS[row].title, f"{entry['seconds'] / 60:.1f}", per_frame, entry["hardware"]])
+    return ["Time of each row; rows of EchoSegnet share what the first of them trained:", "",
+            *table(("row", "minutes", "per test frame", "hardware"), lines)]  # fmt: skip
 
 
 def dataset_page(label: str, document: Mapping[str, Any], output: Path, picture: str | None, home: str) -> str | None:
@@ -195,28 +196,13 @@ def dataset_page(label: str, document: Mapping[str, Any], output: Path, picture:
         lines += part_table(part, found, looks=looks)
     lines += difference_table(found)
     lines += category_table(found)
+    lines += time_table(document, label, found)
     if picture is not None:
         lines += [f"![Worst and median observations of {label}]({picture})", ""]
     lines += [f"paper: {CITATION}; measured on {DATASET}. *Slanted*: reference rows. In brackets: 95 % intervals,",
               "bootstrap over homes. p: sign-flip permutation test, corrected for the compared pairs of a part and",
               "figure (Holm)."]  # fmt: skip
     return "\n".join(lines) + "\n"
-
-
-def page(document: Mapping[str, Any], output: Path, pages: Mapping[str, str]) -> str:
-    """The overview as Markdown: the pages of the datasets, times.
-
-    Args:
-        document: the record of the run.
-        output: folder of the scores.
-        pages: label → path of the dataset's page, from this one.
-
-    Raises:
-        Avs3dError: if a file is missing or broken.
-    """
-    lines = ["All figures of a dataset are on its page:", ""]
-    lines += [f"- [{label}]({path})" for label, path in pages.items()]
-    return "\n".join([*lines, "", *time_table(document, output)]).rstrip()
 
 
 def pages(output: Path, target: Path, images: Path) -> dict[Path, str]:
@@ -241,9 +227,8 @@ def pages(output: Path, target: Path, images: Path) -> dict[Path, str]:
         text = dataset_page(label, document, output, shown, os.path.relpath(target, folder))
         if text is not None:
             texts[folder / f"listener-{label}.md"] = text
-    links = {path.stem.removeprefix("listener-"): f"results/{path.name}" for path in texts}
-    old = target.read_text(encoding="utf-8")
-    return {**texts, target: insert(target, old, TABLES, page(document, output, links))}
+    links = "\n".join(f"- [{path.stem.removeprefix('listener-')}](results/{path.name})" for path in texts)
+    return {**texts, target: insert(target, target.read_text(encoding="utf-8"), TABLES, links)}
 
 
 def insert(path: Path, page: str, name: str, text: str) -> str:

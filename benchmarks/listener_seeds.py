@@ -3,7 +3,8 @@
 Each folder has the files of `benchmarks.listener_tables` for one seed, and those of `benchmarks.listener_classes` as
 ``classes-DATASET.json``. Of each row and dataset, the file has strict IoU of each part and category, and under
 ``listen`` the pair accuracy by kind of pair: the mean over the seeds, the value of each, and the interval over homes
-of the first seed; how many observations each has; and how often something is marked that does not sound in the room. ``DATASET-classes`` has what the network sees. `--table` prints
+of the first seed; how many observations each has; and how often something is marked where nothing in the room sounds.
+``DATASET-classes`` has what the network sees. `--table` prints
 the rows as a table.
 
 docs/results/listener-seeds.json is of three seeds, listener-seeds-package.json of the package's weights, one of them.
@@ -39,7 +40,7 @@ PICTURES = ("open-s34-o7", "open-s34-o7-sh3d", "open-scans")
 #: Rows that need no other sound.
 ANSWERS = {
     "2d": "network", "direction": "direction", "both": "both", "official": "EchoSegnet official",
-    "spatial": "EchoSegnet spatial", "spatial-direction": "direction, EchoSegnet spatial",
+    "spatial": "EchoSegnet spatial, by name", "spatial-direction": "EchoSegnet spatial, by direction",
 }  # fmt: skip
 #: What runs are called in the docs: name in files (empty: the three seeds) → title.
 RUNS = {"package": "package", "": "three seeds"}
@@ -130,15 +131,22 @@ def table(found: dict[str, dict[str, Any]]) -> list[list[str]]:
 def strict_rows(runs: Mapping[str, Any]) -> list[list[str]]:
     """Rows of strict IoU for the docs: what sounds, the answer, and for each part a cell for each run.
 
+    An answer with the figures of the one above it is in the same row.
+
     Args:
         runs: name in `RUNS` → what `figures_of` found.
     """
-    return [
-        [title, answer, *(each for part in PARTS for each in _cells(runs, f"{data}-{row}", part, "strict_IoU"))]
-        for data, title in TESTS.items()
-        for row, answer in ANSWERS.items()
-        if any(f"{data}-{row}" in found for found in runs.values())
-    ]
+    rows: list[list[str]] = []
+    for data, title in TESTS.items():
+        for row, answer in ANSWERS.items():
+            if not any(f"{data}-{row}" in found for found in runs.values()):
+                continue
+            cells = [each for part in PARTS for each in _cells(runs, f"{data}-{row}", part, "strict_IoU")]
+            if rows and rows[-1][0] == title and rows[-1][2:] == cells:
+                rows[-1][1] += f" and {answer}"
+            else:
+                rows.append([title, answer, *cells])
+    return rows
 
 
 def listen_rows(runs: Mapping[str, Any]) -> list[list[str]]:

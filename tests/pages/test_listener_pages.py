@@ -69,6 +69,12 @@ def test_a_row_that_a_run_lacks_has_a_dash() -> None:
     figure = {"mean": 0.25, "values": [0.25], "interval": None}
     found = {"open-s34-o7-2d": {part: {"strict_IoU": figure} for part in ("part_1", "part_2")}}
     assert strict_rows({"package": found, "": {}}) == [["test voices", "network", ".250", "–", ".250", "–"]]
+    other = {"open-s34-o7-both": {"part_1": {"strict_IoU": figure | {"mean": 0.5}}}}
+    equal = {f"open-s34-o7-{row}": found["open-s34-o7-2d"] for row in ("2d", "direction")}
+    assert [row[:2] for row in strict_rows({"package": equal | other})] == [
+        ["test voices", "network and direction"],
+        ["test voices", "both"],
+    ]
     assert summary_rows(found) == [["network", ".250", ".250", *["–"] * 4]]
 
 
