@@ -91,7 +91,7 @@ def _checkpoints() -> tuple[Check, ...]:
 
     named = os.environ.get("AVS3D_CHECKPOINTS")
     if not named:
-        names = ", ".join(f"{kind}/" for kind in CHECKPOINTS)
+        names = ", ".join(f"{kind}/ ({each.licence}, {each.size})" for kind, each in CHECKPOINTS.items())
         fix = (
             f"export AVS3D_CHECKPOINTS=FOLDER with {names} below (for this check), and pass each to its baseline: "
             + ", ".join(f"{kind}/ with {option}" for kind, option in OPTIONS.items())
@@ -104,11 +104,11 @@ def _checkpoints() -> tuple[Check, ...]:
 
 
 def _checkpoint(kind: str, folder: Path) -> tuple[CheckResult, ...]:
-    from baselines.networks.checkpoints import CHECKPOINTS, find_checkpoint
+    from baselines.networks.checkpoints import CHECKPOINTS, PINS, find_checkpoint
 
     checkpoint = CHECKPOINTS[kind]
     try:
-        found = find_checkpoint(kind, folder)
+        found = find_checkpoint(kind, folder, verify=False)
     except Avs3dError as error:
         said, _, _ = str(error).partition("; put ")
         state = "broken" if "empty" in said else "missing"
@@ -118,4 +118,6 @@ def _checkpoint(kind: str, folder: Path) -> tuple[CheckResult, ...]:
     if lacking:
         said = f"{folder} ({size:.1f} GB), but the package {lacking[0]} is not installed"
         return (CheckResult("checkpoints", checkpoint.name, "missing", said, checkpoint.install),)
-    return (CheckResult("checkpoints", checkpoint.name, "ok", f"{folder} ({size:.1f} GB)"),)
+    pinned = f"pinned by {PINS}" if (folder / PINS).exists() else f"not pinned: no {PINS}"
+    said = f"{folder} ({size:.1f} GB, {checkpoint.licence}, {pinned})"
+    return (CheckResult("checkpoints", checkpoint.name, "ok", said),)

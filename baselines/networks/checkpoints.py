@@ -2,6 +2,7 @@
 
 Every network that a baseline runs is described once in `CHECKPOINTS`: which files its folder must hold, where they come
 from, under which licence, and how large they are. A missing or broken file is reported in one line with all of this.
+A folder with `SHA256SUMS`, as ``sha256sum *.* > SHA256SUMS`` writes it, is pinned: other files are refused.
 Networks are loaded inside `loading`, where no library may fetch anything.
 """
 
@@ -10,16 +11,19 @@ from __future__ import annotations
 import json
 import os
 import pickle
+import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from io import StringIO
 from pathlib import Path
 from typing import Any
 
 from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.formats.files import read_bytes, sha256_file
 from avs3d_bench.runtime.imports import require_package
 
 #: Weights as `save_pretrained` writes them: one file, or an index beside several.
@@ -27,6 +31,8 @@ _WEIGHTS = ("model.safetensors", "model.safetensors.index.json", "pytorch_model.
 _PREPROCESSOR = ("preprocessor_config.json", "processor_config.json")
 _TOKENIZER = ("tokenizer.json", "vocab.json", "vocab.txt")
 _OFFLINE = ("HF_HUB_OFFLINE", "TRANSFORMERS_OFFLINE")
+#: Lines ``sha256  FILE`` of the files that a folder must have, to the bit.
+PINS = "SHA256SUMS"
 #: Most layers of a part of a network.
 _MOST_LAYERS = 1000
 #: Longest quotation of a library's message (characters).
@@ -151,19 +157,20 @@ def require_packages(kind: str) -> None:
         require_package(package, user=checkpoint.name, how=how, kind=UsageError)
 
 
-def find_checkpoint(kind: str, folder: str | Path | None) -> dict[str, Path]:
+def find_checkpoint(kind: str, folder: str | Path | None, *, verify: bool = True) -> dict[str, Path]:
     """The files of a checkpoint.
 
     Args:
         kind: a key of `CHECKPOINTS`.
         folder: the folder that the user gave, or None.
+        verify: compare the files with `PINS` of the folder, if it has them, which reads them whole.
 
     Returns:
         For each entry of `NetworkFiles.files`, keyed by its first name, the path of the file that is there.
 
     Raises:
         UsageError: if no folder was named.
-        Avs3dError: if the folder, or a file of it, is missing or empty.
+        Avs3dError: if the folder, or a file of it, is missing, empty or not the pinned one.
     """
     checkpoint = CHECKPOINTS[kind]
     if folder is None:
@@ -180,7 +187,25 @@ def find_checkpoint(kind: str, folder: str | Path | None) -> dict[str, Path]:
         if there[0].stat().st_size == 0:
             raise Avs3dError(f"{there[0]}: empty, the checkpoint of {checkpoint.name} is broken; {checkpoint.advice}")
         found[choice[0]] = there[0]
+    if verify and (folder / PINS).exists():
+        _compare(folder, checkpoint.name)
     return found
+
+
+@cache
+def _compare(folder: Path, name: str) -> None:
+    """Raise an error unless the files of a folder are those that its `PINS` name; once, as they are gigabytes."""
+    pins = folder / PINS
+    for number, line in enumerate(read_bytes(pins).decode(errors="replace").splitlines(), 1):
+        digest, _, file = line.partition(" ")
+        file = file.strip().removeprefix("*")
+        if not re.fullmatch("[0-9a-f]{64}", digest) or not file:
+            raise Avs3dError(f"{pins}, line {number}: expected a sha256 and a file, as sha256sum writes them")
+        if (found := sha256_file(folder / file)) != digest:
+            raise Avs3dError(
+                f"{folder / file}: not the file of {name} that {PINS} names (sha256 {found[:12]}…, expected "
+                f"{digest[:12]}…); get that file again, or write {PINS} anew to take this one"
+            )
 
 
 @contextmanager

@@ -188,7 +188,10 @@ def test_checkpoints_are_looked_for_one_by_one(monkeypatch: pytest.MonkeyPatch, 
         (folder / choice[0]).write_bytes(b"x")
     findings = examine(baselines.doctor._checkpoints())
     assert len(findings) == len(CHECKPOINTS)
-    assert [f.name for f in findings if f.state == "ok"] == ["SAM"]
+    (sam,) = (f for f in findings if f.state == "ok")
+    assert (sam.name, sam.found) == ("SAM", f"{folder} (0.0 GB, Apache-2.0, not pinned: no SHA256SUMS)")
+    (folder / "SHA256SUMS").write_text("")
+    assert found(examine(baselines.doctor._checkpoints()), "SAM").found.endswith("pinned by SHA256SUMS)")
     owl = found(findings, "OWLv2")
     assert owl.state == "missing"
     assert "huggingface.co/google/owlv2" in owl.fix

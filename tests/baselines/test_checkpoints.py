@@ -18,7 +18,13 @@ torch = pytest.importorskip("torch", reason="torch is not installed: the learned
 need("transformers", reason="transformers is not installed: the learned baselines cannot run")
 
 from baselines.networks import checkpoints  # noqa: E402
-from baselines.networks.checkpoints import CHECKPOINTS, find_checkpoint, load_pretrained, load_weights  # noqa: E402
+from baselines.networks.checkpoints import (  # noqa: E402
+    CHECKPOINTS,
+    PINS,
+    find_checkpoint,
+    load_pretrained,
+    load_weights,
+)
 from tests.support import tiny_models  # noqa: E402
 
 torch.set_num_threads(1)
@@ -74,6 +80,33 @@ def test_an_empty_file_is_broken(sam: Path, tmp_path: Path) -> None:
     folder = copy_of(sam, tmp_path / "x", config_json=b"")
     with pytest.raises(Avs3dError, match=r"config\.json: empty, the checkpoint of SAM is broken"):
         find_checkpoint("sam", folder)
+
+
+def test_a_folder_with_digests_takes_no_other_files(tmp_path: Path) -> None:
+    """The digest is that of `printf x | sha256sum`."""
+    for choice in CHECKPOINTS["owlv2"].files:
+        (tmp_path / choice[0]).write_bytes(b"x")
+    digest = "2d711642b726b04401627ca9fbac32f5c8530fb1903cc4db02258717921a4881"
+    (tmp_path / PINS).write_text(f"{digest}  config.json\n{digest} *{checkpoints._WEIGHTS[0]}\n")
+    assert find_checkpoint("owlv2", tmp_path)
+    checkpoints._compare.cache_clear()  # as another process
+    (tmp_path / checkpoints._WEIGHTS[0]).write_bytes(b"y")
+    with pytest.raises(Avs3dError, match=r"model\.safetensors: not the file of OWLv2 that SHA256SUMS names") as error:
+        find_checkpoint("owlv2", tmp_path)
+    assert "expected 2d711642b726…" in line_of(error)
+    assert find_checkpoint("owlv2", tmp_path, verify=False)
+
+
+@pytest.mark.parametrize(
+    "text", ["nothing", f"{'0' * 63}  config.json", f"{'0' * 64}  ", f"{'0' * 64}  none.json", "\xff"]
+)
+def test_broken_digests_are_one_line(tmp_path: Path, text: str) -> None:
+    for choice in CHECKPOINTS["owlv2"].files:
+        (tmp_path / choice[0]).write_bytes(b"x")
+    (tmp_path / PINS).write_text(text, encoding="latin-1")
+    with pytest.raises(Avs3dError, match=r"line 1: expected a sha256 and a file|none\.json") as error:
+        find_checkpoint("owlv2", tmp_path)
+    assert line_of(error)
 
 
 def test_one_of_several_files_is_enough(tmp_path: Path) -> None:
