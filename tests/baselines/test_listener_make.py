@@ -8,12 +8,14 @@ import shlex
 import shutil
 import subprocess
 from collections import Counter
+from itertools import pairwise
 from pathlib import Path
 
 import click
 import pytest
 
 from avs3d_bench.formats.files import write_json
+from benchmarks.listener_seeds import SCENES, TESTS
 from generators.manifest.reading import read_manifest, select
 from tests.support.markdown_code import ROOT
 
@@ -120,6 +122,19 @@ def test_each_training_home_is_in_one_part_and_a_tenth_of_the_observations_is_pa
     assert sorted(key for keys in chosen.values() for key in keys) == sorted(spec.key for spec in manifest.observations)
     assert len(chosen["pathtraced"]) >= 400
     assert len(chosen["tracer"]) > len(manifest.observations) / 2
+
+
+def test_all_tests_are_those_of_the_tables(tmp_path: Path) -> None:
+    made = {}
+    for arguments in commands(tmp_path, "TESTS=all", "GPUS=1", "TRAINED=trained"):
+        output = Path(arguments[arguments.index("-o") + 1]) if "-o" in arguments else Path()
+        if arguments[1] == "generate" and output.parent.name == "tests":
+            made[output.name] = arguments
+            assert (ROOT / arguments[2]).is_file()
+    assert made.keys() == TESTS.keys() | SCENES.keys()
+    for name, frames in {"open-s34-o7": "64", "open-s34-o7-24frames": "24", "open-s34-o7-pathtraced": "24"}.items():
+        options = dict(pairwise(made[name]))  # of an option that is there twice, the last
+        assert options["--frames"] == frames
 
 
 def test_what_is_there_is_not_made_again(tmp_path: Path) -> None:
