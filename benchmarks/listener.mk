@@ -57,8 +57,8 @@ ABLATION_MINUTES ?= $(if $(TRAINED)$(filter 0,$(GPUS)),0,13)
 ABLATION_OPTIONS ?=
 # Test sets: NAME is scenes_manifest/NAME.yaml with the tracer's sound, NAME+ENGINE with another engine's, NAME-heads with heads
 # for tests, NAME-pathtraced with path-traced pictures. MANIFEST_NAME is another file, TEST_OPTIONS_NAME are more options. Those
-# that play recordings or show models of others need these in the store; `all` are those of the docs. Path-traced pictures cost the most: they, and the usual
-# pictures that they are compared with, have fewer frames.
+# that play recordings or show models of others need these in the store; `all` are those of the docs. Path-traced
+# pictures cost the most: they, and the usual pictures that they are compared with, have fewer frames.
 TESTS ?= open-s34-o7 listen open-s34-o7-heads open-s34-o7+soundspaces
 ifeq ($(TESTS),all)
 override TESTS := open-s34-o7 open-s34-o7-recorded open-s34-o7-heads open-s34-o7+soundspaces open-s34-o7-sh3d open-scans \

@@ -3,9 +3,9 @@
     python -m benchmarks.listener_page SCORES [LABEL=]ROOT… --work DIR --page PAGE
 
 Writes a page for each dataset, ``results/listener-<dataset>.md`` beside PAGE, and replaces what is between the lines
-``<!-- tables -->`` and ``<!-- end of tables -->`` of PAGE: links to them. With the datasets and
-``--work`` it draws ``listener-<dataset>-failures.jpg`` as well (`benchmarks.listener_failures`). The pages of docs/
-are written by `benchmarks.docs_tables`, which uses `pages`.
+``<!-- tables -->`` and ``<!-- end of tables -->`` of PAGE: links to them. With the datasets and ``--work`` it draws
+``listener-<dataset>-failures.jpg`` as well (`benchmarks.listener_failures`). The pages of docs/ are written by
+`benchmarks.docs_tables`, which uses `pages`.
 """
 
 from __future__ import annotations

@@ -4,8 +4,7 @@ Each folder has the files of `benchmarks.listener_tables` for one seed, and thos
 ``classes-DATASET.json``. Of each row and dataset, the file has strict IoU of each part and category, and under
 ``listen`` the pair accuracy by kind of pair: the mean over the seeds, the value of each, and the interval over homes
 of the first seed; how many observations each has; and how often something is marked where nothing in the room sounds.
-``DATASET-classes`` has what the network sees. `--table` prints
-the rows as a table.
+``DATASET-classes`` has what the network sees. `--table` prints the rows as a table.
 
 docs/results/listener-seeds.json is of three seeds, listener-seeds-package.json of the package's weights, one of them.
 """

@@ -48,4 +48,4 @@ def settings_lines(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
 
 def share(value: float | None, digits: int = 3) -> str:
     """``.812``, ``-.006``, ``1.000``; `MISSING` for None."""
-    return MISSING if value is None else f"{round(value, digits) + 0:.{digits}f}".replace("-0.", "-.").removeprefix("0")
+    return MISSING if value is None else f"{value:z.{digits}f}".replace("-0.", "-.").removeprefix("0")

@@ -14,13 +14,12 @@ from avs3d_bench.contract import layout
 from avs3d_bench.contract.taxonomy import class_ids
 from avs3d_bench.dataset import Dataset, Frame
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.formats.files import sha256_file
 from avs3d_bench.method import Method, write_submission
 from avs3d_bench.submission import Prediction, SubmissionWriter
 from baselines.echosegnet import binaural, spatial
 from baselines.foundation.protocols import SoundTagger, TextMasks, TextSegmenter
 from baselines.foundation.tracks import ObjectTrack, join, sighting
-from baselines.networks.checkpoints import CHECKPOINTS, find_checkpoint, require_packages
+from baselines.networks.checkpoints import CHECKPOINTS, file_digest, find_checkpoint, require_packages
 from baselines.networks.device import enough_memory, inference, pick_device
 from baselines.networks.sound import check_clip
 from baselines.sound_control import SoundControl, mono_of, named, noted, sounds_of
@@ -278,7 +277,7 @@ def _digest(files: dict[str, Path]) -> str:
     (weights,) = [path for path in files.values() if ".safetensors" in path.name or path.suffix == ".bin"] or [
         next(path for path in files.values() if "index" in path.name)
     ]
-    return sha256_file(weights)[:12]
+    return file_digest(weights)[:12]
 
 
 def write_foundation(

@@ -13,7 +13,7 @@ import os
 import pickle
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from functools import cache
@@ -188,23 +188,34 @@ def find_checkpoint(kind: str, folder: str | Path | None, *, verify: bool = True
             raise Avs3dError(f"{there[0]}: empty, the checkpoint of {checkpoint.name} is broken; {checkpoint.advice}")
         found[choice[0]] = there[0]
     if verify and (folder / PINS).exists():
-        _compare(folder, checkpoint.name)
+        _compare(folder, checkpoint.name, found.values())
     return found
 
 
 @cache
-def _compare(folder: Path, name: str) -> None:
-    """Raise an error unless the files of a folder are those that its `PINS` name; once, as they are gigabytes."""
-    pins = folder / PINS
+def file_digest(path: Path) -> str:
+    """The sha256 of a file of a checkpoint, read once in a process: it may have gigabytes."""
+    return sha256_file(path)
+
+
+def _compare(folder: Path, name: str, needed: Iterable[Path]) -> None:
+    """Raise an error unless `PINS` of a folder name all files that are needed, and all that they name are these."""
+    pins, pinned = folder / PINS, set()
     for number, line in enumerate(read_bytes(pins).decode(errors="replace").splitlines(), 1):
         digest, _, file = line.partition(" ")
         file = file.strip().removeprefix("*")
         if not re.fullmatch("[0-9a-f]{64}", digest) or not file:
             raise Avs3dError(f"{pins}, line {number}: expected a sha256 and a file, as sha256sum writes them")
-        if (found := sha256_file(folder / file)) != digest:
+        if (found := file_digest(folder / file)) != digest:
             raise Avs3dError(
                 f"{folder / file}: not the file of {name} that {PINS} names (sha256 {found[:12]}…, expected "
                 f"{digest[:12]}…); get that file again, or write {PINS} anew to take this one"
+            )
+        pinned.add(folder / file)
+    for path in needed:
+        if path not in pinned:
+            raise Avs3dError(
+                f"{pins}: {path.name} of {name} is not named; expected a line for each file: sha256sum *.* > {PINS}"
             )
 
 

@@ -87,9 +87,13 @@ def test_a_folder_with_digests_takes_no_other_files(tmp_path: Path) -> None:
     for choice in CHECKPOINTS["owlv2"].files:
         (tmp_path / choice[0]).write_bytes(b"x")
     digest = "2d711642b726b04401627ca9fbac32f5c8530fb1903cc4db02258717921a4881"
-    (tmp_path / PINS).write_text(f"{digest}  config.json\n{digest} *{checkpoints._WEIGHTS[0]}\n")
+    lines = [f"{digest}  config.json", f"{digest} *{checkpoints._WEIGHTS[0]}"]
+    (tmp_path / PINS).write_text("\n".join(lines))
+    with pytest.raises(Avs3dError, match=r"SHA256SUMS: preprocessor_config\.json of OWLv2 is not named"):
+        find_checkpoint("owlv2", tmp_path)
+    (tmp_path / PINS).write_text("\n".join([*lines, f"{digest}  preprocessor_config.json"]))
     assert find_checkpoint("owlv2", tmp_path)
-    checkpoints._compare.cache_clear()  # as another process
+    checkpoints.file_digest.cache_clear()  # as another process
     (tmp_path / checkpoints._WEIGHTS[0]).write_bytes(b"y")
     with pytest.raises(Avs3dError, match=r"model\.safetensors: not the file of OWLv2 that SHA256SUMS names") as error:
         find_checkpoint("owlv2", tmp_path)
