@@ -26,6 +26,7 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.files import read_json, write_bytes
 from avs3d_bench.formats.media import read_record
 from baselines.references import REFERENCES
+from baselines.sound_control import SOUND_CONTROLS
 from benchmarks import (
     ablation_tables,
     bandwidths,
@@ -270,10 +271,8 @@ class Results:
 
     def sound_controls(self) -> str:
         """The package's answers with another sound in place of their own."""
-        head = ["answer", "`--sound`", "test voices, part_1", "part_2", *(f"listen, {name}" for name in ("twins", "all pairs", "IoU"))]  # fmt: skip # noqa: E501
-        package = self.seeds()["package"]
-        measured = any(row in package for row in ("open-s34-o7-swapped-ears", "listen-swapped-ears"))
-        return text(head, listener_seeds.control_rows(package)) if measured else UNMEASURED
+        rows = listener_seeds.control_rows(self.seeds()["package"])
+        return text(["sounds, heads, models", "answer", *SOUND_CONTROLS], rows) if rows else UNMEASURED
 
     def echosegnet_sounds(self) -> str:
         """EchoSegnet with another sound in place of its own, part_2."""

@@ -69,12 +69,12 @@ MANIFEST_open-s34-o7-24frames ?= scenes_manifest/open-s34-o7.yaml
 TEST_OPTIONS_open-s34-o7-24frames ?= --frames 24
 TEST_OPTIONS_open-s34-o7-pathtraced ?= --frames 24
 TEST_DEVICE ?= $(DEVICE)
-# Rows that each seed has, and those of the best seed alone, on these sets.
+# Rows that each seed has, and those of the best seed alone.
 ROWS ?= 2d direction both
-BEST_TESTS ?= $(filter open-s34-o7 listen,$(TESTS))
+BEST_TESTS ?= $(TESTS)
 BEST_ROWS ?= truth listener controls
-# EchoSegnet on the masks of the best seed.
-TESTS_3D ?= $(filter open-s34-o7 listen,$(TESTS))
+# EchoSegnet on the masks of each seed, on these sets; Gaussians, which do not depend on masks, are trained once.
+TESTS_3D ?= $(filter open-s34-o7 open-s34-o7-recorded open-s34-o7-sh3d listen,$(TESTS))
 OPTIONS_3D ?= --rows spatial --rows spatial-direction --iterations 3000
 # Figures of the seeds and of the best one, and its page.
 FIGURES ?= $(LISTENER)/figures
@@ -169,11 +169,15 @@ $(LISTENER)/best-rows.done: $(foreach test,$(BEST_TESTS),$(SEEDS:%=$(LISTENER)/r
 	$(if $(BEST_TESTS),$(call timed,best-rows,best=$(BEST) && $(call tables,$$best,$(BEST_TESTS),$(BEST_ROWS:%=--rows %),$(SHARE_best))))
 	@touch $@
 
-$(LISTENER)/best-3d.done: $(CARDS) $(TESTS_3D:%=$(LISTENER)/test-%.done)
-	$(if $(TESTS_3D),$(call timed,best-3d,best=$(BEST) && $(call tables,$$best,$(TESTS_3D),$(OPTIONS_3D),$(SHARE_best))))
-	@touch $@
+define rows_3d
+$(LISTENER)/rows-3d-$1.done: $(LISTENER)/run/seed$1/listener.safetensors $(TESTS_3D:%=$(LISTENER)/test-%.done)
+	$$(if $(TESTS_3D),$$(call timed,rows-3d-$1,mkdir -p $(LISTENER)/work/stages $(LISTENER)/work/seed$1 && ln -sfn ../stages $(LISTENER)/work/seed$1/stages && \
+	  $$(call tables,$1,$(TESTS_3D),$(OPTIONS_3D),$(SHARE_best))))
+	@touch $$@
+endef
+$(foreach seed,$(SEEDS),$(eval $(call rows_3d,$(seed))))
 
-$(LISTENER)/figures.done: $(SCORED) $(LISTENER)/best-rows.done $(LISTENER)/best-3d.done $(LISTENER)/ablation.done
+$(LISTENER)/figures.done: $(SCORED) $(LISTENER)/best-rows.done $(SEEDS:%=$(LISTENER)/rows-3d-%.done) $(LISTENER)/ablation.done
 	@$(MAKE) --no-print-directory -f $(firstword $(MAKEFILE_LIST)) figures
 	@touch $@
 

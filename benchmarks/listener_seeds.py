@@ -22,8 +22,9 @@ from avs3d_bench.contract.scores import Scores
 from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.formats.files import read_json, write_json
 from avs3d_bench.formats.media import read_record
+from baselines.sound_control import SOUND_CONTROLS, SoundControl
 from benchmarks.listener_summary import MISSING, share
-from benchmarks.listener_tables import HEARD, ROWS, RUN_JSON, Row
+from benchmarks.listener_tables import HEARD, ROWS, RUN_JSON
 from benchmarks.sound_rows import LISTEN_FIGURES, row_of
 
 #: Datasets of strict IoU in the docs: its name in files of scores → what differs.
@@ -183,28 +184,39 @@ def class_rows(runs: Mapping[str, Any]) -> list[list[str]]:
     ]
 
 
-def control_rows(found: Mapping[str, Any], data: str = "open-s34-o7") -> list[list[str]]:
-    """Rows of each answer with each of `--sound`, first seed: strict IoU by part; twins, all pairs, IoU of listen."""
+def control_rows(found: Mapping[str, Any]) -> list[list[str]]:
+    """Rows of each dataset and answer, first seed: a cell for each of `--sound`; answers with equal cells share a row.
 
-    def first(name: str, part: str, metric: str) -> str:
-        return share(found[name][part][metric]["values"][0]) if name in found else MISSING
+    Cells have strict IoU of part_1 and part_2, of `SCENES` the pair accuracy of twins and of all pairs.
+    """
+    rows: list[list[str]] = []
+    for data, title in {**TESTS, **{data: f"`{data}`, {title}" for data, title in SCENES.items()}}.items():
+        scenes = [("part_3", metric) for metric in ("twins", "pair_accuracy")]
+        wanted = scenes if data in SCENES else [(part, "strict_IoU") for part in PARTS]
+        for answer, said in ANSWERS.items():
+            cells = [
+                ", ".join(share(found[name][part][metric]["values"][0]) for part, metric in wanted)
+                if (name := f"{data}-{_heard_as(answer, sound)}") in found
+                else MISSING
+                for sound in SOUND_CONTROLS
+            ]
+            if set(cells[1:]) == {MISSING}:
+                continue
+            if rows and rows[-1][0] == title and rows[-1][2:] == cells:
+                rows[-1][1] += f" and {said}"
+            else:
+                rows.append([title, said, *cells])
+    return rows
 
-    def answer_of(row: Row) -> str | None:
-        if row.kind in HEARD:
-            return "2d" if row.answer == "sounding" else row.answer
-        return "spatial" if row.setting == "spatial" and row.answer == "sounding" else None
 
-    return [
-        [
-            title,
-            row.sound,
-            *(first(f"{data}-{row.name}", part, "strict_IoU") for part in PARTS),
-            *(first(f"listen-{row.name}", "part_3", metric) for metric in ("twins", "pair_accuracy", "IoU")),
-        ]
-        for answer, title in ANSWERS.items()
-        for row in ROWS.values()
-        if answer_of(row) == answer and {f"{data}-{row.name}", f"listen-{row.name}"} & found.keys()
-    ]
+def _heard_as(answer: str, sound: SoundControl) -> str:
+    """Name of the row that has an answer with a sound; empty without one."""
+    own = ROWS[answer]
+    for row in ROWS.values():
+        same = (row.kind in HEARD, row.setting, row.answer) == (own.kind in HEARD, own.setting, own.answer)
+        if same and row.sound == sound:
+            return row.name
+    return ""
 
 
 def category_rows(found: Mapping[str, Any], data: str = "open-s34-o7") -> list[list[str]]:

@@ -39,9 +39,9 @@ from avs3d_bench.runtime.file_lock import wait_for_lock
 from avs3d_bench.runtime.parallel import available_cores, process_each
 from avs3d_bench.runtime.provenance import provenance
 from avs3d_bench.submission import SubmissionFolder, SubmissionWriter
+from baselines import sound_control
 from baselines.direction_alone import DirectionMethod, load_direction_marker
 from baselines.listener.marks import MARKING_LOOKS
-from baselines.listener.masks import Answer
 from baselines.listener.predict import ListenerMethod
 from baselines.sound_control import SoundControl
 
@@ -194,23 +194,21 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class OneLook(ListenerMethod):
-    """A listener that looks at each frame once, whatever rows ask for it.
+class SharedLooks(ListenerMethod):
+    """A listener that looks at each picture once, whatever is heard and in whichever observation it is.
 
     Attributes:
-        kept: path of an observation and name of its frame → answer.
+        kept: sha256 of a picture's file → classes of its pixels.
     """
 
-    kept: dict[tuple[str, str], Answer] = field(default_factory=dict)
+    kept: dict[str, NDArray[np.float32]] = field(default_factory=dict)
 
-    def seen(self, frames: Sequence[Frame], pictures: Sequence[NDArray[np.uint8]] | None = None) -> list[Answer]:
-        """The answers for frames of any observations."""
-        names = [(str(frame.observation.path), frame.name) for frame in frames]
-        new = [place for place, name in enumerate(names) if name not in self.kept]
-        shown = None if pictures is None else [pictures[place] for place in new]
-        found = super().seen([frames[place] for place in new], shown)
-        self.kept.update(zip([names[place] for place in new], found, strict=True))
-        return [self.kept[name] for name in names]
+    def class_maps(self, frames: Sequence[Frame]) -> list[NDArray[np.float32]]:
+        """See `ListenerMethod.class_maps`."""
+        digests = [sha256_file(frame.path(layout.INPUT)) for frame in frames]
+        new = {digest: frame for digest, frame in zip(digests, frames, strict=True) if digest not in self.kept}
+        self.kept.update(zip(new, super().class_maps(list(new.values())), strict=True))
+        return [self.kept[digest] for digest in digests]
 
 
 @lru_cache(maxsize=1)
@@ -224,21 +222,31 @@ def _network(weights: Path | None, device: str, refine: Any, looks: Any) -> List
     return load_method(weights, device=device, refine=refine, looks=looks)
 
 
-def _write_observation(root: Path, folders: dict[Row, SubmissionFolder], plan: Plan, key: str) -> None:
-    """Write the masks of several rows that hear the same, in a worker process on one of the devices."""
-    frames = Observation(root, key).test
+def _write_siblings(root: Path, folders: dict[Row, SubmissionFolder], plan: Plan, keys: Sequence[str]) -> None:
+    """Write the masks of several rows for observations with the same pictures, in a worker process on one device."""
     found = _network(plan.weights, plan.devices[os.getpid() % len(plan.devices)], plan.refine, plan.looks)
-    (hearing,) = {row.sound for row in folders}
-    network = OneLook(**{**vars(found), "hearing": hearing})
-    by_place = DirectionMethod(network)
-    for row, folder in folders.items():
-        method = network if row.answer == "sounding" else replace(by_place, cues=row.answer)
-        for frame, one in zip(frames, method.predictions(frames), strict=True):
-            folder.write_mask(frame, one.mask, one.categories)
+    kept: dict[str, NDArray[np.float32]] = {}
+    places: dict[str, Any] = {}
+    for key in keys:
+        frames = Observation(root, key).test
+        for hearing, rows in _by_sound(folders).items():
+            network = SharedLooks(**{**vars(found), "hearing": hearing}, kept=kept)
+            by_place = DirectionMethod(network, kept=places)
+            for row in rows:
+                method = network if row.answer == "sounding" else replace(by_place, cues=row.answer)
+                for frame, one in zip(frames, method.predictions(frames), strict=True):
+                    folders[row].write_mask(frame, one.mask, one.categories)
+
+
+def _by_sound(rows: Iterable[Row]) -> dict[SoundControl, list[Row]]:
+    found: dict[SoundControl, list[Row]] = {}
+    for row in rows:
+        found.setdefault(row.sound, []).append(row)
+    return found
 
 
 def _write_heard(dataset: Dataset, label: str, rows: Sequence[Row], plan: Plan) -> None:
-    """Write the submissions of rows that hear the same: the network looks at each frame once."""
+    """Write the submissions of rows in 2D. Siblings are together: by place, the network looks at each picture once."""
     with ExitStack() as stack:
         folders: dict[Row, SubmissionFolder] = {}
         for row in rows:
@@ -254,9 +262,12 @@ def _write_heard(dataset: Dataset, label: str, rows: Sequence[Row], plan: Plan) 
                 overwrite=True,
             )
             folders[row] = stack.enter_context(writer).folder
-        chosen = dataset.select(*plan.only)
-        keys, sizes = [each.key for each in chosen], [len(each.test) for each in chosen]
-        each = partial(_write_observation, dataset.root, folders, plan)
+        groups: dict[str, list[Observation]] = {}
+        for observation in dataset.select(*plan.only):
+            groups.setdefault(observation.group_key, []).append(observation)
+        keys = [[each.key for each in group] for group in groups.values()]
+        sizes = [sum(len(each.test) for each in group) for group in groups.values()]
+        each = partial(_write_siblings, dataset.root, folders, plan)
         for _ in process_each(each, keys, workers=plan.workers, label=rows[0].title, progress=True, sizes=sizes):
             pass
 
@@ -280,11 +291,22 @@ def write_rows(dataset: Dataset, label: str, rows: Sequence[Row], plan: Plan) ->
 
 
 def together(rows: Iterable[Row]) -> list[list[Row]]:
-    """Rows that are computed together: in 2D those that hear the same, since they share the network's answers."""
+    """Rows that are computed together: in 2D those by place, which share what the network sees."""
     found: dict[str, list[Row]] = {}
     for row in rows:
-        found.setdefault(row.sound if row.kind in HEARD else row.name, []).append(row)
+        found.setdefault("by place" if row.kind in HEARD and row.answer != "sounding" else row.name, []).append(row)
     return list(found.values())
+
+
+def lacking(dataset: Dataset, row: Row, only: Sequence[str]) -> str:
+    """Why a row cannot hear the sound of another observation: what the dataset lacks; empty if it can."""
+    if row.sound in OTHER_OBSERVATION:
+        try:
+            for observation in dataset.select(*only):
+                sound_control.other_frame(observation.frames[0], same_category=row.sound == "same-category")
+        except UsageError as error:
+            return str(error)
+    return ""
 
 
 def lifted_answer(row: Row, plan: Plan) -> Any:
@@ -369,7 +391,7 @@ def _read_run(plan: Plan) -> dict[str, Any]:
 
 
 def run_all(roots: dict[str, Path], rows: Sequence[Row], plan: Plan) -> list[str]:
-    """Run the rows that are not there yet; messages of those that failed, but for what lacks another's sound."""
+    """Run the rows that are not there yet and whose sounds the datasets have; messages of those that failed."""
     document = _read_run(plan)
     failed = []
     for some in together(rows):
@@ -383,6 +405,8 @@ def run_all(roots: dict[str, Path], rows: Sequence[Row], plan: Plan) -> list[str
                     continue
                 if is_current(plan.scores(label, row), document["rows"].get(name), dataset, plan.said(row)):
                     click.echo(f"{name}: there already")
+                elif missing := lacking(dataset, row, plan.only):
+                    click.echo(f"{name}: left out: {missing}")
                 else:
                     wanted.append(row)
             if not wanted:
@@ -390,9 +414,6 @@ def run_all(roots: dict[str, Path], rows: Sequence[Row], plan: Plan) -> list[str
             try:
                 found = run_rows(label, dataset, wanted, plan)
             except Avs3dError as error:
-                if isinstance(error, UsageError) and some[0].sound in OTHER_OBSERVATION:
-                    click.echo(f"{label}: {', '.join(row.name for row in wanted)}: left out: {error}")
-                    continue
                 failed += [f"{label}-{row.name}: {error}" for row in wanted]
                 click.echo(f"{label}: {', '.join(row.name for row in wanted)}: failed: {error}", err=True)
                 continue

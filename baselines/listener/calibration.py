@@ -32,7 +32,7 @@ from torch.nn.functional import avg_pool2d, binary_cross_entropy_with_logits
 from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.runtime.parallel import available_cores
 from baselines.listener.augment import Bank, unpack
-from baselines.listener.masks import Answer, highest, log_odds, marked
+from baselines.listener.masks import highest, log_odds, marked
 from baselines.listener.predict import BATCH, ListenerMethod
 from baselines.listener.shards import ShardStore
 from baselines.listener.validation import spread, validate, validation_views
@@ -260,12 +260,11 @@ def rule_figures(
         odds: (N, n, n) calibrated log-odds of the mask.
     """
     truths: NDArray[np.bool_] = unpack(torch.from_numpy(store.masks[seen.sounds])).numpy()
-    nothing = np.zeros(0, np.float32)
     pictures = (store.pictures[store.table.view[sound]] for sound in seen.sounds)
 
     def one(frame: tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.bool_]]) -> Any:
         cells, picture, truth = frame
-        return peaks_and_ious([method.odds(Answer(cells, nothing, nothing), picture)], truth[None])
+        return peaks_and_ious([method.odds(cells, picture)], truth[None])
 
     # Most of the time passes in OpenCV, which lets other threads run.
     with ThreadPoolExecutor(available_cores()) as pool:

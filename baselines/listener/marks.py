@@ -129,7 +129,7 @@ class ListenerMarker:
         shared = shared_category(answers) if together else None
         for frame, answer in zip(frames, answers, strict=True):
             changed = of_category(answer, shared)
-            yield class_map(method.mask(changed, frame.rgb()), changed)
+            yield class_map(method.mask(changed.mask, frame.rgb()), changed)
 
 
 def shared_category(answers: Sequence[Answer]) -> int:

@@ -155,31 +155,101 @@ class ListenerMethod:
 
         from baselines.listener.model import hear
 
-        stack = torch.from_numpy(np.stack([_resized(picture, look.side) for picture in pictures])).to(self.device)
-        stack = stack.permute(0, 3, 1, 2).float() / 255
         clips, views = torch.as_tensor(sounds).to(self.device), torch.as_tensor(cameras).to(self.device)
         if look.mirrored:
-            stack, clips, views = stack.flip(-1), clips.flip(1), views.clone()
+            clips, views = clips.flip(1), views.clone()
             views[:, 2] = 1 - views[:, 2]
-        found = self.network(stack, hear(clips, views, (look.side, look.side)))
+        found = self.network(self._shown(look, pictures), hear(clips, views, (look.side, look.side)))
         cells = look.side // 2
         masks, classes = found.mask[..., :cells, :cells].float(), found.classes[..., :cells, :cells].float()
         if look.mirrored:
             masks, classes = masks.flip(-1), classes.flip(-1)
         said = self.calibration
-        by_mask, by_name, bias = (said.mask, said.audible, said.bias) if said else (1.0, 1.0, 0.0)
-        heard = (found.audible.float() / by_name).sigmoid().cpu().numpy()
-        numbers = (((masks - bias) / by_mask).cpu().numpy(), classes.softmax(dim=1).cpu().numpy(), heard)
-        if not all(np.isfinite(found).all() for found in numbers):
-            raise Avs3dError(
-                f"weights {self.digest[:12]}: the listener answers with NaN or infinite numbers; train it again, "
-                "or name other weights"
-            )
+        by_mask, bias = (said.mask, said.bias) if said else (1.0, 0.0)
+        numbers = (
+            self._finite((masks - bias) / by_mask),
+            self._finite(classes.softmax(dim=1)),
+            self._finite(self._names(found.audible)),
+        )
         named = len(CATEGORIES)
         return [
             Answer(mask, what, names[:named], float(names[named]) if len(names) > named else 0.0)
             for mask, what, names in zip(*numbers, strict=True)
         ]
+
+    def class_maps(self, frames: Sequence[Frame]) -> list[NDArray[np.float32]]:
+        """(8, n, n) of each frame: the probability of each class at each pixel, from the picture alone, as in `seen`.
+
+        Args:
+            frames: of any observations; their sound is not read.
+
+        Raises:
+            Avs3dError: if a picture is missing or damaged, or memory runs out.
+        """
+        from torch.nn import functional
+
+        out: list[NDArray[np.float32]] = []
+        for start in range(0, len(frames), BATCH):
+            part = frames[start : start + BATCH]
+            with inference(self.device, _where(part[0])):
+                pictures = [frame.rgb() for frame in part]
+                looks = looks_at(pictures[0].shape[1], self.looks, self.finest)
+                size, maps = max(look.side for look in looks) // 2, []
+                for look in looks:
+                    cells = look.side // 2
+                    found = (
+                        self.network(self._shown(look, pictures)).classes[..., :cells, :cells].float().softmax(dim=1)
+                    )
+                    found = found.flip(-1) if look.mirrored else found
+                    maps.append(functional.interpolate(found, (size, size), mode="bilinear", align_corners=False))
+                out += list(self._finite(sum(maps) / len(maps)))
+        return out
+
+    def heard(self, frames: Sequence[Frame]) -> NDArray[np.float32]:
+        """(T, 7) how probable it is that each category is what is heard in each frame, see `masks.Answer.heard`.
+
+        Args:
+            frames: of any observations; their pictures are not read.
+
+        Raises:
+            Avs3dError: if a sound is missing or damaged, or memory runs out.
+        """
+        import torch
+
+        from baselines.listener.features import band_features, broadband_levels, spectra
+
+        with inference(self.device, _where(frames[0])):
+            clips = torch.as_tensor(np.stack([clip_of(frame, self.hearing) for frame in frames])).to(self.device)
+            sides = [clips, clips.flip(1)] if self.looks == "several" else [clips]
+            names = [
+                self._names(self.network.sound_encoder(band_features(spectra(each)), broadband_levels(each))[1])
+                for each in sides
+            ]
+            found = self._finite(sum(names) / len(names))
+        named, unknown = found[:, : len(CATEGORIES)], found[:, len(CATEGORIES) :]
+        return np.asarray(1 - (1 - named) * (1 - unknown) if unknown.shape[1] else named, np.float32)
+
+    def _shown(self, look: Look, pictures: Sequence[NDArray[np.uint8]]) -> Any:
+        """(B, 3, side, side) float, 0 to 1: the network's input."""
+        import torch
+
+        stack = torch.from_numpy(np.stack([_resized(picture, look.side) for picture in pictures])).to(self.device)
+        stack = stack.permute(0, 3, 1, 2).float() / 255
+        return stack.flip(-1) if look.mirrored else stack
+
+    def _names(self, audible: Any) -> Any:
+        """Probabilities of the network's logits of names, by the calibration's temperature."""
+        return (audible.float() / (self.calibration.audible if self.calibration else 1.0)).sigmoid()
+
+    def _finite(self, values: Any) -> NDArray[np.float32]:
+        """Numbers of the network as an array; Avs3dError if one is NaN or infinite."""
+        found = np.asarray(values.cpu().numpy(), np.float32)
+        if not np.isfinite(found).all():
+            raise Avs3dError(
+                f"weights {self.digest[:12]}: the listener answers with NaN or infinite numbers; train it again, "
+                "or name other weights"
+            )
+        return found
 
     def seen(self, frames: Sequence[Frame], pictures: Sequence[NDArray[np.uint8]] | None = None) -> list[Answer]:
         """The answers for frames of any observations; errors as of `predictions`.
@@ -213,20 +283,20 @@ class ListenerMethod:
             part = frames[start : start + BATCH]
             pictures = [frame.rgb() for frame in part]
             for frame, picture, answer in zip(part, pictures, self.seen(part, pictures), strict=True):
-                odds = self.odds(answer, picture)
+                odds = self.odds(answer.mask, picture)
                 mask = self.marked(odds)
                 if soft is not None:
                     write_soft_mask(soft, frame, odds)
                 out.append(Prediction(mask, class_map(mask, answer) if frame.observation.is_part_3 else None))
         return out
 
-    def mask(self, answer: Answer, picture: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """(H, W) of a picture (H, W, 3), rules 2 and 3."""
-        return self.marked(self.odds(answer, picture))
+    def mask(self, cells: NDArray[np.float32], picture: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """(H, W) of log-odds (n, n) and a picture (H, W, 3), rules 2 and 3."""
+        return self.marked(self.odds(cells, picture))
 
-    def odds(self, answer: Answer, picture: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """(H, W) log-odds of a picture's pixels (H, W, 3), rule 2."""
-        cells = np.clip(answer.mask, -MOST_LOGIT, MOST_LOGIT)
+    def odds(self, cells: NDArray[np.float32], picture: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """(H, W) log-odds of a picture's pixels (H, W, 3) from those of cells (n, n), rule 2."""
+        cells = np.clip(cells, -MOST_LOGIT, MOST_LOGIT)
         large = np.asarray(cv2.resize(cells, picture.shape[1::-1], interpolation=cv2.INTER_LINEAR), np.float32)
         # Nothing that is far below the threshold rises above it by a filter that averages.
         if self.refine == "edges" and large.max() > logit(self.threshold):

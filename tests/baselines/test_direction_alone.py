@@ -19,7 +19,6 @@ from baselines import direction_alone  # noqa: E402
 from baselines.echosegnet import spatial  # noqa: E402
 from baselines.echosegnet.views import RegisteredView  # noqa: E402
 from baselines.listener.direction import woodworth_delay  # noqa: E402
-from baselines.listener.masks import Answer  # noqa: E402
 from baselines.listener.predict import ListenerMethod  # noqa: E402
 
 CELLS = 63
@@ -40,8 +39,8 @@ def walk() -> list[RegisteredView]:
     return out
 
 
-def seen(view: RegisteredView) -> Answer:
-    """What a perfect eye says: discs of the objects' size."""
+def seen(view: RegisteredView) -> NDArray[np.float32]:
+    """(8, n, n) what a perfect eye says: discs of the objects' size."""
     classes = np.full((1 + len(CATEGORIES), CELLS, CELLS), 0.0, np.float32)
     rows, columns = np.mgrid[:CELLS, :CELLS] + 0.5
     for centre, category in OBJECTS:
@@ -49,7 +48,7 @@ def seen(view: RegisteredView) -> Answer:
         u, v = (view.camera.fx * x / z + view.camera.cx, view.camera.fy * y / z + view.camera.cy)
         classes[1 + category][np.hypot(columns - u, rows - v) < 0.25 * view.camera.fx / z] = 1.0
     classes[0] = 1 - classes[1:].max(axis=0)
-    return Answer(np.zeros((CELLS, CELLS), np.float32), classes, np.zeros(len(CATEGORIES), np.float32))
+    return classes
 
 
 def clip(view: RegisteredView, source: tuple[float, float, float]) -> NDArray[np.float32]:
@@ -68,7 +67,7 @@ def found() -> tuple[list[RegisteredView], Any]:
 
 
 def test_objects_of_the_pictures_become_candidates_where_they_are(found: Any) -> None:
-    _, (points, labels, categories) = found
+    _, (points, labels, categories, _) = found
     assert set(np.unique(categories)) == {CLOCK, TELEPHONE}
     large = [label for label in np.unique(labels) if (labels == label).sum() >= 10]
     middles = sorted(tuple(points[labels == label].mean(axis=0).round(1)) for label in large)
@@ -79,7 +78,7 @@ def test_objects_of_the_pictures_become_candidates_where_they_are(found: Any) ->
 
 @pytest.mark.parametrize("number", range(len(OBJECTS)))
 def test_the_walk_tells_which_candidate_sounds_whatever_it_is_called(found: Any, number: int) -> None:
-    views, (points, labels, categories) = found
+    views, (points, labels, categories, _) = found
     centre, category = OBJECTS[number]
     choice = spatial.choose(points, labels, views, np.stack([clip(view, centre) for view in views]))
     assert np.linalg.norm(points[choice.chosen].mean(axis=0) - centre) < 0.5
@@ -87,7 +86,7 @@ def test_the_walk_tells_which_candidate_sounds_whatever_it_is_called(found: Any,
 
 
 def test_a_frame_keeps_the_component_that_the_chosen_voxels_are_seen_in(found: Any) -> None:
-    views, (points, _, _) = found
+    views, (points, *_) = found
     model = ListenerMethod(None, torch.device("cpu"), "0" * 64, refine="none")
     left = points[points[:, 0] < -0.6]
     frame: Any = SimpleNamespace(rgb=lambda: np.zeros((126, 126, 3), np.uint8))
@@ -99,21 +98,16 @@ def test_a_frame_keeps_the_component_that_the_chosen_voxels_are_seen_in(found: A
     assert not nothing.any()
 
 
-def named(audible: dict[int, float]) -> Answer:
-    """An answer that hears categories and sees nothing."""
-    heard = np.full(len(CATEGORIES), 0.02, np.float32)
-    heard[list(audible)] = list(audible.values())
-    return Answer(np.zeros((4, 4), np.float32), np.zeros((1 + len(CATEGORIES), 4, 4), np.float32), heard)
-
-
-def method(cues: direction_alone.Cues, answers: list[Answer], monkeypatch: pytest.MonkeyPatch) -> Any:
-    """A method with two candidates, a clock of 40 voxels and a telephone of 20, and given answers for its views."""
+def method(cues: direction_alone.Cues, audible: dict[int, float], monkeypatch: pytest.MonkeyPatch) -> Any:
+    """A method with two candidates, a clock of 40 voxels and a telephone of 20, that hears categories by name."""
     labels = np.repeat([0, 1], [40, 20])
-    found = np.zeros((60, 3)), labels, np.where(labels == 0, CLOCK, TELEPHONE)
+    found = np.zeros((60, 3)), labels, np.where(labels == 0, CLOCK, TELEPHONE), np.ones(60, np.bool_)
     monkeypatch.setattr(direction_alone, "candidates", lambda *_: found)
     made = direction_alone.DirectionMethod(ListenerMethod(None, torch.device("cpu"), "0" * 64), cues)
-    monkeypatch.setattr(ListenerMethod, "seen", lambda *_: answers)
-    monkeypatch.setattr(type(made), "_clips", lambda *_: np.zeros((len(answers), 2, 44_100), np.float32))
+    heard = np.full(len(CATEGORIES), 0.02, np.float32)
+    heard[list(audible)] = list(audible.values())
+    monkeypatch.setattr(ListenerMethod, "heard", lambda _, frames: np.tile(heard, (len(frames), 1)))
+    monkeypatch.setattr(type(made), "_clips", lambda _, views: np.zeros((len(views), 2, 44_100), np.float32))
     return made
 
 
@@ -131,7 +125,7 @@ def test_name_and_place_choose_together(
 ) -> None:
     choice = SimpleNamespace(labels=np.arange(2), scores=np.array([0.0, place]), heard=9)
     monkeypatch.setattr(spatial, "choose", lambda *_: choice)
-    found = method(cues, [named({TELEPHONE: heard})] * 9, monkeypatch)._chosen(walk(), [named({TELEPHONE: heard})] * 9)
+    found = method(cues, {TELEPHONE: heard}, monkeypatch)._chosen(walk(), [])
     assert found is not None
     assert found[1] == category
 
@@ -140,8 +134,7 @@ def test_name_and_place_choose_together(
 def test_a_walk_without_sound_marks_nothing(monkeypatch: pytest.MonkeyPatch, cues: direction_alone.Cues) -> None:
     choice = SimpleNamespace(labels=np.arange(2), scores=np.zeros(2), heard=0)
     monkeypatch.setattr(spatial, "choose", lambda *_: choice)
-    answers = [named({})] * 9
-    assert method(cues, answers, monkeypatch)._chosen(walk(), answers) is None
+    assert method(cues, {}, monkeypatch)._chosen(walk(), []) is None
 
 
 def test_in_part_3_a_name_that_is_heard_confirms_a_candidate_and_another_one_does_not(
@@ -149,19 +142,18 @@ def test_in_part_3_a_name_that_is_heard_confirms_a_candidate_and_another_one_doe
 ) -> None:
     posterior = np.array([[0.4, 0.4], [0.4, 0.9]])
     monkeypatch.setattr(direction_alone, "cluster_activity", lambda *_, **__: SimpleNamespace(posterior=posterior))
-    answers = [named({CLOCK: 0.9}), named({CLOCK: 0.9})]
-    both, views = method("both", answers, monkeypatch), walk()[:2]
-    _, *found = both._odds(views, views, answers)
-    assert both._sounding(*found, answers).tolist() == [[True, False], [True, True]]
-    assert replace(both, cues="direction")._sounding(*found, answers).tolist() == [[False, False], [False, True]]
+    both, views = method("both", {CLOCK: 0.9}, monkeypatch), walk()[:2]
+    _, labels, categories, _, odds = both._odds(views, views, [])
+    found = labels, categories, odds
+    assert both._sounding(*found, views).tolist() == [[True, False], [True, True]]
+    assert replace(both, cues="direction")._sounding(*found, views).tolist() == [[False, False], [False, True]]
 
 
 def test_what_does_not_depend_on_names_is_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
     choices = iter([SimpleNamespace(labels=np.arange(2), scores=np.zeros(2), heard=9)])
     monkeypatch.setattr(spatial, "choose", lambda *_: next(choices))
-    answers = [named({TELEPHONE: 0.9})] * 9
-    alone = method("direction", answers, monkeypatch)
-    first, second = alone._chosen(walk(), answers), replace(alone, cues="both")._chosen(walk(), answers)
+    alone = method("direction", {TELEPHONE: 0.9}, monkeypatch)
+    first, second = alone._chosen(walk(), []), replace(alone, cues="both")._chosen(walk(), [])
     assert first is not None
     assert second is not None
     assert (first[1], second[1]) == (CLOCK, TELEPHONE)
@@ -178,7 +170,7 @@ def marked(monkeypatch: pytest.MonkeyPatch, sounding: int | None) -> list[NDArra
     clips = [silence if sounding is None else clip(view, OBJECTS[sounding][0]) for view in trained]
     monkeypatch.setattr(direction_alone.views, "load_views", lambda _: trained)
     monkeypatch.setattr(direction_alone.views, "input_views", lambda views: views)
-    monkeypatch.setattr(ListenerMethod, "seen", lambda _, frames: [seen(by_name[frame.name]) for frame in frames])
+    monkeypatch.setattr(ListenerMethod, "class_maps", lambda _, frames: [seen(by_name[each.name]) for each in frames])
     monkeypatch.setattr(direction_alone.DirectionMethod, "_clips", lambda *_: np.stack(clips))
     network = ListenerMethod(None, torch.device("cpu"), "0" * 64, refine="none")
     monkeypatch.setattr(direction_alone.DirectionMarker, "method", lambda *_: network)
@@ -203,16 +195,43 @@ def test_train_frames_of_a_silent_walk_have_no_mark(monkeypatch: pytest.MonkeyPa
     assert not any(ids.any() for ids in marked(monkeypatch, None))
 
 
-def test_where_the_network_misses_the_chosen_object_its_silhouette_lowers_the_threshold(found: Any) -> None:
-    views, (points, _, _) = found
+@pytest.mark.parametrize(("nearer", "kept"), [(0, (True, False)), (2, (False, True))])
+def test_objects_that_a_picture_shows_as_one_are_cut_where_the_chosen_voxels_end(
+    found: Any, nearer: int, kept: tuple[bool, bool]
+) -> None:
+    views, (points, *_) = found
     model = ListenerMethod(None, torch.device("cpu"), "0" * 64, refine="none")
     frame: Any = SimpleNamespace(rgb=lambda: np.zeros((126, 126, 3), np.uint8))
-    answer, left, view = seen(views[4]), points[points[:, 0] < -0.6], views[4]
-    sure = direction_alone.DirectionMethod(model)._of_points(frame, answer, left, CLOCK, view)
-    answer.classes[1:] *= 0.3  # below `OBJECT`: neither clock is a component
-    unsure = direction_alone.DirectionMethod(model)._of_points(frame, answer, left, CLOCK, view)
-    assert (sure & unsure).sum() / (sure | unsure).sum() > 0.6
-    assert not unsure[:, 63:].any()
+    classes, view = seen(views[4]), views[4]
+    classes[1 + CLOCK, 28:36, 10:53] = 0.9  # a bar from one clock to the other
+    chosen = points[points[:, 0] * (nearer - 1) > 0.6]
+    mask = direction_alone.DirectionMethod(model)._of_points(frame, classes, chosen, CLOCK, view)
+    assert (bool(mask[:, :50].any()), bool(mask[:, 76:].any())) == kept
+
+
+def test_a_hull_that_objects_share_is_divided_between_them_and_each_has_its_core() -> None:
+    volume = np.zeros((20, 6, 6))
+    volume[2:18, 1:5, 1:5] = 0.5
+    volume[2:7, 1:5, 1:5], volume[3:6, 2:4, 2:4] = 0.62, 0.8
+    volume[13:18, 1:5, 1:5] = 0.7
+    volume[9, 2, 2] = 0.9  # of fewer voxels than `LEAST_PART`
+    volume[9, 3, 3] = 0.5
+    (one, core), (other, rest) = sorted(direction_alone.objects(volume), key=lambda each: each[0][0, 0])
+    assert {tuple(each) for each in one[core]} == {(x, y, z) for x in (3, 4, 5) for y in (2, 3) for z in (2, 3)}
+    assert rest.sum() == 5 * 4 * 4
+    assert other[rest][:, 0].min() == 13
+    # No voxel is lost, and each is of the object that is nearer.
+    assert len(one) + len(other) == (volume > 0).sum()
+    assert one[:, 0].max() <= 9 <= other[:, 0].min()
+
+
+def test_a_part_on_which_the_frames_agree_far_less_is_no_object_of_its_own() -> None:
+    """Seen from one side alone, a hull reaches far behind its object, where crossing rays make lower peaks."""
+    volume = np.full((12, 4, 4), 0.5)
+    volume[:3], volume[8:11] = 1.0, 0.7
+    ((voxels, core),) = direction_alone.objects(volume)
+    assert len(voxels) == volume.size
+    assert voxels[core][:, 0].max() == 2
 
 
 def test_a_silhouette_is_where_voxels_are(found: Any) -> None:

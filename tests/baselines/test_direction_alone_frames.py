@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
 
 from avs3d_bench.contract.taxonomy import CATEGORIES  # noqa: E402
 from avs3d_bench.dataset import Dataset, Frame, Observation  # noqa: E402
 from baselines.direction_alone import DirectionMethod  # noqa: E402
-from baselines.listener.masks import Answer  # noqa: E402
 from baselines.listener.predict import ListenerMethod  # noqa: E402
 from tests.support import tiny  # noqa: E402
 from tests.support.delays import delayed  # noqa: E402
@@ -27,10 +27,9 @@ from tests.support.tiny_scenes import FIRST, SILENT  # noqa: E402
 class Sees(ListenerMethod):
     """A network that sees what is there and names nothing that it hears; ``network`` is the observation."""
 
-    def answers(self, pictures: Sequence[Any], sounds: Any, cameras: Any, *, looks: Any = None) -> list[Answer]:
+    def class_maps(self, frames: Sequence[Frame]) -> list[NDArray[np.float32]]:
         found = []
-        for picture in pictures:
-            frame = next(frame for frame in self.network.frames if (frame.rgb() == picture).all())
+        for frame in frames:
             ids = frame.instance_ids()
             classes = np.full((1 + len(CATEGORIES), *ids.shape), 0.01, np.float32)
             classes[0] = 0.9
@@ -38,8 +37,11 @@ class Sees(ListenerMethod):
                 if one.category in CATEGORIES:
                     classes[:, ids == one.id] = 0.01
                     classes[1 + CATEGORIES.index(one.category), ids == one.id] = 0.9
-            found.append(Answer(np.zeros_like(classes[0]), classes, np.zeros(len(CATEGORIES), np.float32)))
+            found.append(classes)
         return found
+
+    def heard(self, frames: Sequence[Frame]) -> NDArray[np.float32]:
+        return np.zeros((len(frames), len(CATEGORIES)), np.float32)
 
 
 def method_of(observation: Observation) -> DirectionMethod:

@@ -71,6 +71,9 @@ class Scripted(ListenerMethod):
         return [answer({CLOCK: 0.7, MICROWAVE: 0.2} if number == 0 else {MICROWAVE: 0.95})
                 for number in range(len(pictures))]  # fmt: skip
 
+    def class_maps(self, frames: Sequence[Frame]) -> list[np.ndarray]:
+        return [answer({}).classes for _ in frames]
+
 
 def scripted(monkeypatch: pytest.MonkeyPatch, **changed: Any) -> ListenerMarker:
     monkeypatch.setattr(marks, "_method", lambda *_: Scripted(None, CPU, "a" * 64, threshold=0.5, refine="none"))

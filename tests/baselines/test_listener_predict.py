@@ -56,7 +56,7 @@ def answer(box: tuple[int, int, int, int], logit: float = 5.0) -> Answer:
 
 def marked(answer: Answer, picture: Any, refine: Any = "none") -> Any:
     """The mask of a frame."""
-    return ListenerMethod(None, torch.device("cpu"), "0" * 64, threshold=0.5, refine=refine).mask(answer, picture)
+    return ListenerMethod(None, torch.device("cpu"), "0" * 64, threshold=0.5, refine=refine).mask(answer.mask, picture)
 
 
 @pytest.mark.parametrize("size", [(252, 252), (1008, 1008), (480, 640)])
@@ -213,7 +213,7 @@ def test_soft_masks_have_the_probabilities_of_which_masks_are_made(scenes: Path,
             grey = cv2.imread(
                 str(soft / "soft" / observation.key / "masks" / f"{frame.name}.png"), cv2.IMREAD_UNCHANGED
             )
-            wanted = 255 / (1 + np.exp(-method.odds(answer, frame.rgb())))
+            wanted = 255 / (1 + np.exp(-method.odds(answer.mask, frame.rgb())))
             assert grey.dtype == np.uint8
             assert np.abs(grey - wanted).max() <= 0.5 + 1e-3
             assert len(np.unique(grey)) > 2
@@ -263,6 +263,19 @@ def test_predictions_do_not_depend_on_their_neighbours(scenes: Path, saved: Path
         together = model.answers(pictures, sounds, cameras)
         alone = model.answers(pictures[1:2], sounds[1:2], cameras[1:2])
     np.testing.assert_allclose(together[1].mask, alone[0].mask, atol=1e-3)
+
+
+@pytest.mark.parametrize("looks", ["one", "several"])
+def test_what_is_seen_alone_and_heard_alone_is_what_is_seen_and_heard_together(
+    scenes: Path, saved: Path, looks: predict.Looks
+) -> None:
+    model = predict.load_method(saved, device="cpu", looks=looks)
+    frames = Dataset(scenes)[tiny_scenes.FIRST].test
+    maps, heard = model.class_maps(frames), model.heard(frames)
+    for frame, (shown, names) in enumerate(zip(maps, heard, strict=True)):
+        answer = model.seen(frames)[frame]
+        np.testing.assert_allclose(shown, answer.classes, atol=1e-5)
+        np.testing.assert_allclose(names, answer.heard, atol=1e-5)
 
 
 def test_each_picture_is_decoded_once(scenes: Path, saved: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -159,7 +159,7 @@ def test_a_control_whose_sound_the_data_lack_is_left_out(ran: Path, tmp_path: Pa
     output = run(
         ran, "--rows", "same-category", "--rows", "swapped-ears", "-o", str(tmp_path), "--only", tiny_scenes.FIRST
     )
-    assert "scenes: same-category: left out: " in output
+    assert "scenes-same-category: left out: " in output
     assert "no observation of the same category in another home" in output
     assert [path.name for path in tmp_path.glob("listener-scenes-*.json")] == ["listener-scenes-swapped-ears.json"]
     assert list(read_json(tmp_path / RUN_JSON)["rows"]) == ["scenes-swapped-ears"]

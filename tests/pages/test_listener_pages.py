@@ -81,12 +81,17 @@ def test_a_row_that_a_run_lacks_has_a_dash() -> None:
 def test_controls_are_those_of_each_answer_that_were_measured() -> None:
     figure = {"mean": 0.25, "values": [0.25], "interval": None}
     parts = {part: {"strict_IoU": figure} for part in ("part_1", "part_2")}
-    scenes = {"part_3": dict.fromkeys(("twins", "pair_accuracy", "IoU"), figure)}
-    found = {"open-s34-o7-2d": parts, "open-s34-o7-swapped-ears": parts, "listen-direction-no-sound": scenes}
+    scenes = {"part_3": {"twins": figure, "pair_accuracy": figure | {"values": [0.5]}}}
+    found = {
+        "open-s34-o7-2d": parts, "open-s34-o7-swapped-ears": parts,
+        "listen-direction-no-sound": scenes, "listen-both-no-sound": scenes,
+        "listen-spatial-direction": scenes,  # without a control
+        "listen-spatial-swapped-ears": scenes,
+    }  # fmt: skip
     assert control_rows(found) == [
-        ["network", "own", ".250", ".250", "–", "–", "–"],
-        ["network", "swapped-ears", ".250", ".250", "–", "–", "–"],
-        ["direction", "none", "–", "–", ".250", ".250", ".250"],
+        ["test voices", "network", ".250, .250", "–", ".250, .250", "–", "–", "–"],
+        ["`listen`, test voices", "direction and both", "–", ".250, .500", "–", "–", "–", "–"],
+        ["`listen`, test voices", "EchoSegnet spatial, by name", "–", "–", ".250, .500", "–", "–", "–"],
     ]
 
 
