@@ -6,14 +6,10 @@ With ``direction`` what a sound is called takes no part: it shows what two ears 
 1. The network marks objects of any category in the train frames, from the pictures alone.
 2. A voxel is part of an object if the frames that look at it agree that its pixel is one: a visual hull (A. Laurentini,
    "The visual hull concept for silhouette-based image understanding", IEEE Trans. PAMI 16 (1994) 150-162), softened,
-   since furniture hides objects from some of the frames. Voxels of one category that touch are one object or, where
-   their agreement has several peaks, several: two clocks side by side share a hull behind them. The peaks are the
-   high leaves of a component tree (R. Jones, "Connected filtering and segmentation using component trees", Computer
-   Vision and Image Understanding 75 (1999) 215-228); each is a candidate, with the voxels that are nearest to it.
+   since furniture hides objects from some of the frames. Voxels of one category that touch are a candidate.
 3. The likelihood of what both ears heard along the walk (`echosegnet.spatial`), times the probability that the
    candidate's category is heard to the power of `NAMES`, chooses among the candidates.
-4. In a test frame what the network marks is kept where the core of the chosen voxels is seen: whole components that lie
-   there for the most part, of others what lies there.
+4. In a test frame, those marked components are kept that the chosen voxels are seen in.
 
 In part_3 sources come and go, and some are in no picture. There `echosegnet.activity` says which candidates sound in
 which second: each is on or off for some seconds, and places without a candidate explain what none of them does.
@@ -32,7 +28,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt, find_objects, label
+from scipy.ndimage import label
 
 from avs3d_bench.dataset import Dataset, Frame
 from avs3d_bench.method import Method, write_submission
@@ -53,21 +49,13 @@ MOST_VIEWS = 40
 VOXEL, REACH, ABOVE, BELOW = 0.1, 4.0, 1.2, 1.7
 #: A voxel is part of an object if at least so many frames look at it, and of these this share sees an object.
 LEAST_VIEWS, AGREED = 3, 0.45
-#: Objects that touch are divided by levels of this step, into parts of at least so many voxels.
-STEP, LEAST_PART = 0.05, 4
-#: Share of the highest peak that the peak of another object beside it has, and share of its own peak from which on a
-#: voxel is the core of an object.
-HIGH = 0.85
-#: Probability above which a pixel is an object of a category.
-OBJECT = 0.2
-#: How far around its voxels a candidate may be seen (share of a picture's side), and the share of a component that must
-#: lie there for all of it to be kept.
-NEAR, MOSTLY = 3 / 378, 0.6
+#: Probability above which a pixel is an object of a category, and where the object is known to be.
+OBJECT, OBJECT_INSIDE = 0.4, 0.2
 #: A candidate is likelier than another by its number of voxels, which tells an object from crumbs, but no object is
 #: likelier than another for being larger than this (voxels).
 LARGE = 30
 #: Of `candidates`.
-Candidates = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]
+Candidates = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]
 #: Whether what a sound is called counts.
 Cues = Literal["direction", "both"]
 #: What names count beside directions: effective number of independent frames of a walk; weight in a second of part_3,
@@ -141,13 +129,13 @@ class DirectionMethod:
     def _chosen(
         self, walk: Sequence[views.RegisteredView], maps: Sequence[NDArray[np.float32]]
     ) -> tuple[NDArray[np.float64], int] | None:
-        """(N, 3) core of the candidate that sounds, and its category (0-based); None without any candidate or sound.
+        """(N, 3) voxels of the candidate that sounds, and its category (0-based); None without any candidate or sound.
 
         Args:
             walk: train views.
             maps: classes of their pixels.
         """
-        points, labels, categories, core, choice = self._once(walk, lambda: self._choice(walk, maps))
+        points, labels, categories, choice = self._once(walk, lambda: self._choice(walk, maps))
         if choice is None or not choice.heard:
             return None
         size = np.array([(labels == label).sum() for label in choice.labels])
@@ -156,7 +144,7 @@ class DirectionMethod:
             named = category_of_each(labels, categories)[choice.labels]
             score = score + NAMES * self._names(walk).mean(axis=0)[named]
         chosen = labels == choice.labels[score.argmax()]
-        return points[chosen & core], int(categories[chosen][0])
+        return points[chosen], int(categories[chosen][0])
 
     def _once(self, walk: Sequence[views.RegisteredView], found: Callable[[], Any]) -> Any:
         """What ``found`` returns for the sound of a walk, computed once."""
@@ -179,9 +167,9 @@ class DirectionMethod:
 
     def _choice(self, walk: Sequence[views.RegisteredView], maps: Sequence[NDArray[np.float32]]) -> tuple[Any, ...]:
         """The candidates and the choice among them by place; None without any."""
-        points, labels, *rest = self._candidates(walk, maps)
+        points, labels, categories = self._candidates(walk, maps)
         choice = spatial.choose(points, labels, walk, self._clips(walk)) if len(points) else None
-        return points, labels, *rest, choice
+        return points, labels, categories, choice
 
     def _clips(self, walk: Sequence[views.RegisteredView]) -> NDArray[np.float32]:
         """(T, 2, n) the sound of views."""
@@ -192,7 +180,7 @@ class DirectionMethod:
         train = some_of(views.train_views(walk))
         used = sorted([*train, *views.test_views(walk)], key=lambda view: view.name)
         maps = dict(zip([view.name for view in used], self._classes(used), strict=True))
-        points, labels, categories, core, odds = self._once(
+        points, labels, categories, odds = self._once(
             walk, lambda: self._odds(train, used, [maps[view.name] for view in train])
         )
         sounding = self._sounding(labels, categories, odds, used)
@@ -201,7 +189,7 @@ class DirectionMethod:
         for frame in frames:
             ids = np.zeros(frame.rgb().shape[:2], np.uint8)
             for number in np.flatnonzero(sounding[place[frame.name]]) if frame.name in place else ():
-                one, category = (labels == number) & core, int(named[number])
+                one, category = labels == number, int(named[number])
                 view = used[place[frame.name]]
                 ids[self._of_points(frame, maps[frame.name], points[one], category, view)] = 1 + category
             out.append(Prediction(ids > 0, ids))
@@ -220,11 +208,11 @@ class DirectionMethod:
             used: in the order of time.
             maps: classes of the pixels of ``train``.
         """
-        points, labels, categories, core = self._candidates(train, maps)
+        points, labels, categories = self._candidates(train, maps)
         if not len(points):
-            return points, labels, categories, core, np.zeros((len(used), 0), np.float32)
+            return points, labels, categories, np.zeros((len(used), 0), np.float32)
         posterior = cluster_activity(points, labels, used, self._clips(used), largest=LARGE).posterior
-        return points, labels, categories, core, log_odds(posterior.astype(np.float32))
+        return points, labels, categories, log_odds(posterior.astype(np.float32))
 
     def _sounding(
         self,
@@ -243,20 +231,22 @@ class DirectionMethod:
     def _of_points(
         self, frame: Frame, classes: NDArray[np.float32], points: NDArray[np.float64], category: int, view: Any
     ) -> NDArray[np.bool_]:
-        """(H, W) what the picture shows of a category where points are seen; nothing without a ``view``."""
+        """(H, W) the components of a category that points are seen in; without any, where it is likely among them."""
         likely = classes[1 + category]
-        picture = frame.rgb()
-        if view is None:
-            return np.zeros(picture.shape[:2], np.bool_)
-        reach = max(1, round(NEAR * likely.shape[1]))
-        inside = dilated(silhouette(points, view, likely.shape), reach)
         count, number = cv2.connectedComponents((likely > OBJECT).astype(np.uint8), connectivity=8)
-        area, within = (np.bincount(each.reshape(-1), minlength=count) for each in (number, number[inside]))
-        whole = within >= MOSTLY * area
+        touched, inside = np.zeros(count, np.bool_), np.zeros(likely.shape, np.bool_)
+        if view is not None:
+            cells, ahead = projected(points, view, likely.shape)
+            hit, times = np.unique(number[cells[ahead, 1], cells[ahead, 0]], return_counts=True)
+            touched[hit[times >= max(1, times.sum() // 20)]] = True
+            inside = silhouette(points, view, likely.shape)
+        touched[0] = False
         # One cell more, so that edges lie between cells where the probabilities say.
-        near = dilated((number > 0) & (inside | whole[number]), 1)
-        kept = log_odds(np.where(near, likely, 1e-6).astype(np.float32))
-        return replace(self.model, threshold=OBJECT).mask(kept, picture)
+        near = cv2.dilate(touched[number].astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        kept, threshold = np.where(near, likely, 1e-6).astype(np.float32), OBJECT
+        if not touched.any():
+            kept, threshold = np.where(inside, likely, 1e-6).astype(np.float32), OBJECT_INSIDE
+        return replace(self.model, threshold=threshold).mask(log_odds(kept), frame.rgb())
 
 
 @dataclass(frozen=True)
@@ -309,7 +299,7 @@ def category_of_each(labels: NDArray[np.int64], categories: NDArray[np.int64]) -
 
 
 def candidates(walk: Sequence[views.RegisteredView], maps: Sequence[NDArray[np.float32]]) -> Candidates:
-    """Voxels of objects: points (N, 3), label of the candidate (N,), category (N,), 0-based, whether in its core (N,).
+    """Voxels of objects: points (N, 3), label of the candidate (N,), category (N,), 0-based.
 
     Args:
         walk: views of train frames.
@@ -328,66 +318,17 @@ def candidates(walk: Sequence[views.RegisteredView], maps: Sequence[NDArray[np.f
         seen += ahead
         likely[ahead] += classes[1:, cells[ahead, 1], cells[ahead, 0]].T
     share = likely / np.maximum(seen, 1)[:, None]
-    category, agreed = share.argmax(axis=1), np.where(seen >= LEAST_VIEWS, share.max(axis=1), 0)
-    labels, inner, count = np.full(len(points), -1, np.int64), np.zeros(len(points), np.bool_), 0
-    for each in np.unique(category[agreed > AGREED]):
-        volume = np.where(category == each, agreed, 0).reshape(grid.shape[:3])
-        for voxels, core in objects(volume):
-            where = np.ravel_multi_index(tuple(voxels.T), volume.shape)
-            labels[where], inner[where] = count, core
-            count += 1
+    category = share.argmax(axis=1)
+    inside = (share.max(axis=1) > AGREED) & (seen >= LEAST_VIEWS)
+    labels, count = np.full(len(points), -1, np.int64), 0
+    for each in np.unique(category[inside]):
+        volume = (inside & (category == each)).reshape(grid.shape[:3])
+        number, found = label(volume, np.ones((3, 3, 3)))
+        number = number.reshape(-1)
+        labels[number > 0] = number[number > 0] + count - 1
+        count += found
     chosen = labels >= 0
-    return points[chosen], labels[chosen], category[chosen], inner[chosen]
-
-
-def objects(volume: NDArray[np.floating]) -> Iterator[tuple[NDArray[np.int64], NDArray[np.bool_]]]:
-    """Objects of one category: of each the indices (n, 3) of its voxels, and (n,) which are its core.
-
-    Voxels above `AGREED` that touch (26 neighbours) are one object, or as many as `_peaks` has high parts: each voxel
-    belongs to the nearest of these, whose voxels near its maximum are the core.
-
-    Args:
-        volume: (X, Y, Z) how far the frames agree on each voxel, 0 to 1.
-
-    Examples:
-        >>> volume = np.full((9, 3, 3), 0.5)  # a hull that two objects share
-        >>> volume[:3], volume[6:] = 0.8, 0.9
-        >>> [(len(voxels), int(core.sum())) for voxels, core in objects(volume)]
-        [(45, 27), (36, 27)]
-    """
-    number, _ = label(volume > AGREED, np.ones((3, 3, 3)))
-    for each, box in enumerate(find_objects(number), 1):
-        own, part = np.where(number[box] == each, volume[box], 0), np.zeros(number[box].shape, np.int64)
-        peaks = list(_peaks(own, AGREED))
-        highest = max(own[peak].max() for peak in peaks)
-        for count, peak in enumerate((peak for peak in peaks if own[peak].max() >= HIGH * highest), 1):
-            part[peak] = count
-        nearest = distance_transform_edt(part == 0, return_distances=False, return_indices=True)
-        basin = np.where(own > 0, part[tuple(nearest)], 0)
-        for one in range(1, part.max() + 1):
-            core = (part == one) & (own >= HIGH * own[part == one].max())
-            voxels = np.argwhere(basin == one)
-            yield voxels + [side.start for side in box], core[tuple(voxels.T)]
-
-
-def _peaks(volume: NDArray[np.floating], level: float) -> Iterator[NDArray[np.bool_]]:
-    """The parts into which the voxels above a level that touch are divided: each is a mask of ``volume``.
-
-    The level rises until there are two parts of `LEAST_PART` voxels or more, and each of these is divided in turn.
-    """
-    for higher in np.arange(level + STEP, 1, STEP):
-        number, _ = label(volume > higher, np.ones((3, 3, 3)))
-        large = np.flatnonzero(np.bincount(number.reshape(-1))[1:] >= LEAST_PART) + 1
-        if len(large) > 1:
-            for each in large:
-                yield from _peaks(np.where(number == each, volume, 0), float(higher))
-            return
-    yield volume > level
-
-
-def dilated(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
-    """A mask (H, W) and what is at most ``reach`` pixels from it, along rows and columns."""
-    return cv2.dilate(mask.astype(np.uint8), np.ones((2 * reach + 1,) * 2, np.uint8)) > 0
+    return points[chosen], labels[chosen], category[chosen]
 
 
 def projected(
