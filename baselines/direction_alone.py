@@ -54,8 +54,6 @@ OBJECT, OBJECT_INSIDE = 0.4, 0.2
 #: A candidate is likelier than another by its number of voxels, which tells an object from crumbs, but no object is
 #: likelier than another for being larger than this (voxels).
 LARGE = 30
-#: Of `candidates`.
-Candidates = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]
 #: Whether what a sound is called counts.
 Cues = Literal["direction", "both"]
 #: What names count beside directions: effective number of independent frames of a walk; weight in a second of part_3,
@@ -135,7 +133,7 @@ class DirectionMethod:
             walk: train views.
             maps: classes of their pixels.
         """
-        points, labels, categories, choice = self._once(walk, lambda: self._choice(walk, maps))
+        points, labels, categories, choice = self._by_sound(walk, lambda: self._choice(walk, maps))
         if choice is None or not choice.heard:
             return None
         size = np.array([(labels == label).sum() for label in choice.labels])
@@ -146,23 +144,20 @@ class DirectionMethod:
         chosen = labels == choice.labels[score.argmax()]
         return points[chosen], int(categories[chosen][0])
 
-    def _once(self, walk: Sequence[views.RegisteredView], found: Callable[[], Any]) -> Any:
-        """What ``found`` returns for the sound of a walk, computed once."""
-        which = str(walk[0].frame.observation.path), self.model.hearing
-        if self.kept.get("which") != which:
-            self.kept.update(which=which, sound=found())
-        return self.kept["sound"]
+    def _once(self, name: str, which: tuple[str, ...], found: Callable[[], Any]) -> Any:
+        """What ``found`` returns for the observation, and more, that ``which`` says; computed once."""
+        if self.kept.get(name, ((),))[0] != which:
+            self.kept[name] = which, found()
+        return self.kept[name][1]
 
-    def _candidates(self, walk: Sequence[views.RegisteredView], maps: Sequence[NDArray[np.float32]]) -> Candidates:
-        """`candidates`, computed once for the same maps: siblings have the same pictures."""
-        known = self.kept.get("maps")
-        if (
-            known is None
-            or len(known) != len(maps)
-            or any(one is not other for one, other in zip(known, maps, strict=True))
-        ):
-            self.kept.update(maps=maps, candidates=candidates(walk, maps))
-        found: Candidates = self.kept["candidates"]
+    def _by_sound(self, walk: Sequence[views.RegisteredView], found: Callable[[], Any]) -> Any:
+        """What ``found`` returns for the sound of a walk."""
+        return self._once("sound", (str(walk[0].frame.observation.path), self.model.hearing), found)
+
+    def _candidates(self, walk: Sequence[views.RegisteredView], maps: Sequence[NDArray[np.float32]]) -> tuple[Any, ...]:
+        """`candidates` of a walk; siblings, which have the same pictures, have the same."""
+        of = walk[0].frame.observation
+        found: tuple[Any, ...] = self._once("pictures", (str(of.root), of.group_key), lambda: candidates(walk, maps))
         return found
 
     def _choice(self, walk: Sequence[views.RegisteredView], maps: Sequence[NDArray[np.float32]]) -> tuple[Any, ...]:
@@ -180,7 +175,7 @@ class DirectionMethod:
         train = some_of(views.train_views(walk))
         used = sorted([*train, *views.test_views(walk)], key=lambda view: view.name)
         maps = dict(zip([view.name for view in used], self._classes(used), strict=True))
-        points, labels, categories, odds = self._once(
+        points, labels, categories, odds = self._by_sound(
             walk, lambda: self._odds(train, used, [maps[view.name] for view in train])
         )
         sounding = self._sounding(labels, categories, odds, used)
@@ -298,7 +293,9 @@ def category_of_each(labels: NDArray[np.int64], categories: NDArray[np.int64]) -
     return np.asarray(categories[np.unique(labels, return_index=True)[1]])
 
 
-def candidates(walk: Sequence[views.RegisteredView], maps: Sequence[NDArray[np.float32]]) -> Candidates:
+def candidates(
+    walk: Sequence[views.RegisteredView], maps: Sequence[NDArray[np.float32]]
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
     """Voxels of objects: points (N, 3), label of the candidate (N,), category (N,), 0-based.
 
     Args:

@@ -195,20 +195,19 @@ class Plan:
 
 @dataclass(frozen=True)
 class SharedLooks(ListenerMethod):
-    """A listener that looks at each picture once, whatever is heard and in whichever observation it is.
+    """A listener that looks at each picture of observations with the same pictures once, whatever is heard.
 
     Attributes:
-        kept: sha256 of a picture's file → classes of its pixels.
+        kept: name of a frame → classes of its pixels.
     """
 
     kept: dict[str, NDArray[np.float32]] = field(default_factory=dict)
 
     def class_maps(self, frames: Sequence[Frame]) -> list[NDArray[np.float32]]:
         """See `ListenerMethod.class_maps`."""
-        digests = [sha256_file(frame.path(layout.INPUT)) for frame in frames]
-        new = {digest: frame for digest, frame in zip(digests, frames, strict=True) if digest not in self.kept}
-        self.kept.update(zip(new, super().class_maps(list(new.values())), strict=True))
-        return [self.kept[digest] for digest in digests]
+        new = [frame for frame in frames if frame.name not in self.kept]
+        self.kept.update(zip([frame.name for frame in new], super().class_maps(new), strict=True))
+        return [self.kept[frame.name] for frame in frames]
 
 
 @lru_cache(maxsize=1)
@@ -229,20 +228,12 @@ def _write_siblings(root: Path, folders: dict[Row, SubmissionFolder], plan: Plan
     places: dict[str, Any] = {}
     for key in keys:
         frames = Observation(root, key).test
-        for hearing, rows in _by_sound(folders).items():
-            network = SharedLooks(**{**vars(found), "hearing": hearing}, kept=kept)
-            by_place = DirectionMethod(network, kept=places)
-            for row in rows:
-                method = network if row.answer == "sounding" else replace(by_place, cues=row.answer)
-                for frame, one in zip(frames, method.predictions(frames), strict=True):
-                    folders[row].write_mask(frame, one.mask, one.categories)
-
-
-def _by_sound(rows: Iterable[Row]) -> dict[SoundControl, list[Row]]:
-    found: dict[SoundControl, list[Row]] = {}
-    for row in rows:
-        found.setdefault(row.sound, []).append(row)
-    return found
+        # One sound after another: what is found by place is kept for the last one.
+        for row in sorted(folders, key=lambda row: row.sound):
+            network = SharedLooks(**{**vars(found), "hearing": row.sound}, kept=kept)
+            method = network if row.answer == "sounding" else DirectionMethod(network, row.answer, places)
+            for frame, one in zip(frames, method.predictions(frames), strict=True):
+                folders[row].write_mask(frame, one.mask, one.categories)
 
 
 def _write_heard(dataset: Dataset, label: str, rows: Sequence[Row], plan: Plan) -> None:

@@ -41,7 +41,12 @@ class Answer:
     @property
     def heard(self) -> NDArray[np.float32]:
         """(7,) how probable it is of each category that it is what is heard: by name, or as what has no name."""
-        return np.asarray(1 - (1 - self.audible) * (1 - self.unknown), np.float32)
+        return heard_of(self.audible, self.unknown)
+
+
+def heard_of(audible: NDArray[np.float32], unknown: NDArray[np.float32] | float) -> NDArray[np.float32]:
+    """Probabilities that categories are heard by name, or as what has no name; see `Answer.heard`."""
+    return np.asarray(1 - (1 - audible) * (1 - unknown), np.float32)
 
 
 def guided(values: NDArray[np.float32], picture: NDArray[np.uint8]) -> NDArray[np.float32]:

@@ -40,6 +40,7 @@ from baselines.listener.masks import (
     agreed,
     class_map,
     guided,
+    heard_of,
     logit,
     marked,
     marked_where,
@@ -64,6 +65,11 @@ class Look(NamedTuple):
 
     side: int
     mirrored: bool
+
+    def cells_of(self, answered: Any) -> Any:
+        """(…, side / 2, side / 2) float32, as the picture lies: what the network answers, which pads the picture."""
+        found = answered[..., : self.side // 2, : self.side // 2].float()
+        return found.flip(-1) if self.mirrored else found
 
 
 #: How often the network looks.
@@ -160,10 +166,7 @@ class ListenerMethod:
             clips, views = clips.flip(1), views.clone()
             views[:, 2] = 1 - views[:, 2]
         found = self.network(self._shown(look, pictures), hear(clips, views, (look.side, look.side)))
-        cells = look.side // 2
-        masks, classes = found.mask[..., :cells, :cells].float(), found.classes[..., :cells, :cells].float()
-        if look.mirrored:
-            masks, classes = masks.flip(-1), classes.flip(-1)
+        masks, classes = look.cells_of(found.mask), look.cells_of(found.classes)
         said = self.calibration
         by_mask, bias = (said.mask, said.bias) if said else (1.0, 0.0)
         numbers = (
@@ -196,11 +199,7 @@ class ListenerMethod:
                 looks = looks_at(pictures[0].shape[1], self.looks, self.finest)
                 size, maps = max(look.side for look in looks) // 2, []
                 for look in looks:
-                    cells = look.side // 2
-                    found = (
-                        self.network(self._shown(look, pictures)).classes[..., :cells, :cells].float().softmax(dim=1)
-                    )
-                    found = found.flip(-1) if look.mirrored else found
+                    found = look.cells_of(self.network(self._shown(look, pictures)).classes).softmax(dim=1)
                     maps.append(functional.interpolate(found, (size, size), mode="bilinear", align_corners=False))
                 out += list(self._finite(sum(maps) / len(maps)))
         return out
@@ -226,8 +225,8 @@ class ListenerMethod:
                 for each in sides
             ]
             found = self._finite(sum(names) / len(names))
-        named, unknown = found[:, : len(CATEGORIES)], found[:, len(CATEGORIES) :]
-        return np.asarray(1 - (1 - named) * (1 - unknown) if unknown.shape[1] else named, np.float32)
+        named, unknown = np.split(found, [len(CATEGORIES)], axis=1)
+        return heard_of(named, unknown if unknown.size else 0.0)
 
     def _shown(self, look: Look, pictures: Sequence[NDArray[np.uint8]]) -> Any:
         """(B, 3, side, side) float, 0 to 1: the network's input."""

@@ -22,6 +22,7 @@ from baselines.listener.direction import woodworth_delay  # noqa: E402
 from baselines.listener.predict import ListenerMethod  # noqa: E402
 
 CELLS = 63
+KEY = "part_1/home/kitchen/1"
 CLOCK, TELEPHONE = (CATEGORIES.index(name) for name in ("clock", "telephone"))
 #: Centres of three objects of 40 cm (Y down), and their categories: two clocks, and a telephone.
 OBJECTS = (((-1.2, 0.0, 3.0), CLOCK), ((1.2, 0.0, 3.0), CLOCK), ((0.0, 0.5, 3.2), TELEPHONE))
@@ -34,7 +35,7 @@ def walk() -> list[RegisteredView]:
         yaw = math.atan2(-x, 3.0)
         rotation = np.array([[math.cos(yaw), 0, math.sin(yaw)], [0, 1, 0], [-math.sin(yaw), 0, math.cos(yaw)]])
         camera = Intrinsics.from_fov(CELLS, 90.0)
-        frame: Any = SimpleNamespace(observation=SimpleNamespace(path="part_1/home/kitchen/1"))
+        frame: Any = SimpleNamespace(observation=SimpleNamespace(root="", path=KEY, group_key=KEY))
         out.append(RegisteredView(f"frame_{number:03d}", "train", camera, rotation, np.array([x, 0.0, 0.0]), frame))
     return out
 
