@@ -124,6 +124,17 @@ ROWS = {
             Row(f"spatial-{name}", f"listener + EchoSegnet spatial, {title}", "controls-3d", "spatial", sound=sound)
             for name, (sound, title) in _OTHER_SOUND.items()
         ),
+        *(
+            Row(
+                f"spatial-direction-{name}",
+                f"direction alone + EchoSegnet spatial, {title}",
+                "controls-3d",
+                "spatial",
+                answer="direction",
+                sound=sound,
+            )
+            for name, (sound, title) in _OTHER_SOUND.items()
+        ),
     )
 }
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -237,7 +248,7 @@ def _write_siblings(root: Path, folders: dict[Row, SubmissionFolder], plan: Plan
 
 
 def _write_heard(dataset: Dataset, label: str, rows: Sequence[Row], plan: Plan) -> None:
-    """Write the submissions of rows in 2D. Siblings are together: by place, the network looks at each picture once."""
+    """Write the submissions of rows in 2D; siblings are together, see `_write_siblings`."""
     with ExitStack() as stack:
         folders: dict[Row, SubmissionFolder] = {}
         for row in rows:
@@ -259,7 +270,7 @@ def _write_heard(dataset: Dataset, label: str, rows: Sequence[Row], plan: Plan) 
         keys = [[each.key for each in group] for group in groups.values()]
         sizes = [sum(len(each.test) for each in group) for group in groups.values()]
         each = partial(_write_siblings, dataset.root, folders, plan)
-        for _ in process_each(each, keys, workers=plan.workers, label=rows[0].title, progress=True, sizes=sizes):
+        for _ in process_each(each, keys, workers=plan.workers, label="rows in 2D", progress=True, sizes=sizes):
             pass
 
 
@@ -282,10 +293,10 @@ def write_rows(dataset: Dataset, label: str, rows: Sequence[Row], plan: Plan) ->
 
 
 def together(rows: Iterable[Row]) -> list[list[Row]]:
-    """Rows that are computed together: in 2D those by place, which share what the network sees."""
+    """Rows that are computed together: all in 2D, by the same processes; those by place share what the network sees."""
     found: dict[str, list[Row]] = {}
     for row in rows:
-        found.setdefault("by place" if row.kind in HEARD and row.answer != "sounding" else row.name, []).append(row)
+        found.setdefault("in 2D" if row.kind in HEARD else row.name, []).append(row)
     return list(found.values())
 
 
