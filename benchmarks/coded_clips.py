@@ -1,0 +1,76 @@
+"""`python -m benchmarks.coded_clips ROOT -o COPY --codec mp3`: a dataset whose binaural clips were coded with losses.
+
+Each clip is written as Ogg Vorbis or MP3 by libsndfile and read again, both ears in one stream; pictures, truth and
+poses are the same files (hard links). So the same observations tell what a codec costs a method.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+from pathlib import Path
+
+import click
+import numpy as np
+import soundfile
+from numpy.typing import NDArray
+
+from avs3d_bench.contract.layout import BINAURAL
+from avs3d_bench.dataset import Dataset
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.formats.media import read_wav, write_wav
+
+#: Name → libsndfile's format and subtype.
+CODECS = {"ogg": ("OGG", "VORBIS"), "mp3": ("MP3", "MPEG_LAYER_III")}
+
+
+def coded(samples: NDArray[np.float32], rate: int, codec: str, level: float) -> tuple[NDArray[np.float32], float]:
+    """A clip (channels, n) after the codec, with as many samples, and the stream's bit rate (kbit/s).
+
+    Args:
+        samples: of all channels.
+        rate: Hz.
+        codec: of `CODECS`.
+        level: 0 (best) to 1 (smallest), libsndfile's compression level.
+    """
+    kind, subtype = CODECS[codec]
+    stream = io.BytesIO()
+    soundfile.write(stream, samples.T, rate, format=kind, subtype=subtype, compression_level=level)
+    size = stream.tell()
+    stream.seek(0)
+    found = soundfile.read(stream, dtype="float32", always_2d=True)[0].T
+    out = np.zeros_like(samples)
+    kept = min(out.shape[1], found.shape[1])
+    out[:, :kept] = found[:, :kept]
+    return out, size * 8e-3 * rate / samples.shape[1]
+
+
+@click.command()
+@click.argument("root", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="The copy: a new folder.")
+@click.option("--codec", type=click.Choice(list(CODECS)), default="mp3", show_default=True)
+@click.option("--level", type=click.FloatRange(0, 1), default=0.8, show_default=True, help="0: best, 1: smallest.")
+def main(root: Path, output: Path, codec: str, level: float) -> None:
+    """Copy the dataset ROOT with coded clips, and print the median bit rate."""
+    if output.exists():
+        raise click.UsageError(f"{output} exists; name a folder that does not")
+    try:
+        dataset = Dataset(root)
+        shutil.copytree(root, output, copy_function=os.link, ignore=shutil.ignore_patterns(BINAURAL))
+        rates = []
+        for observation in dataset:
+            folder = output / observation.key / BINAURAL
+            folder.mkdir()
+            for path in sorted((root / observation.key / BINAURAL).iterdir()):
+                clip = read_wav(path)
+                samples, kbits = coded(clip.samples, clip.rate, codec, level)
+                write_wav(folder / path.name, samples, clip.rate)
+                rates.append(kbits)
+    except Avs3dError as error:
+        raise click.ClickException(str(error)) from None
+    click.echo(f"{len(rates)} clips, {codec}, {np.median(rates):.0f} kbit/s in the median")
+
+
+if __name__ == "__main__":
+    main()
