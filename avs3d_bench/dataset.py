@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import fnmatch
 import operator
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path, PurePosixPath
@@ -640,6 +640,17 @@ def find_keys(root: str | Path) -> tuple[str, ...]:
             if path.is_dir():
                 found.append(key)
     return tuple(sorted(found))
+
+
+def by_pictures(observations: Iterable[Observation]) -> dict[str, tuple[Observation, ...]]:
+    """Observations with the same pictures together: `Observation.group_key` → siblings, both in the order given.
+
+    Observations of part_1 and part_2 are alone.
+    """
+    found: dict[str, list[Observation]] = {}
+    for each in observations:
+        found.setdefault(each.group_key, []).append(each)
+    return {key: tuple(some) for key, some in found.items()}
 
 
 def sibling_frames(siblings: Sequence[Observation]) -> list[tuple[Frame, ...]]:

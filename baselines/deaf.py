@@ -20,7 +20,7 @@ import numpy as np
 
 from avs3d_bench.contract import layout
 from avs3d_bench.contract.schema import ObservationRecord
-from avs3d_bench.dataset import Dataset, Frame, Observation, sibling_frames
+from avs3d_bench.dataset import Dataset, Frame, Observation, by_pictures, sibling_frames
 from avs3d_bench.errors import UsageError
 from avs3d_bench.measures.deaf_oracles import best_single, can_sound, instance_ids_of, instance_table
 from avs3d_bench.method import Method, write_submission
@@ -65,9 +65,10 @@ def write_deaf(
         Avs3dError: if the dataset is damaged or the system refuses.
     """
     only = tuple(only)
-    groups: dict[str, list[Observation]] = {}
-    for observation in dataset.select(*only):
-        groups.setdefault(_group(observation), []).append(observation)
+    observations = dataset.select(*only)
+    for observation in observations:
+        _check(observation)
+    groups = by_pictures(observations)
     chosen: dict[str, int | None] | None = None
     if which == "single":
         keys = [tuple(sibling.key for sibling in siblings) for siblings in groups.values()]
@@ -114,12 +115,8 @@ def choose_single(root: Path, keys: Sequence[str]) -> int | None:
     return None if row is None else numbers[row - 1]
 
 
-def _group(observation: Observation) -> str:
-    """Key of the observation's group.
-
-    Raises:
-        UsageError: if it has none, or no instance masks.
-    """
+def _check(observation: Observation) -> None:
+    """Raise `UsageError` if the observation is not of part_3, or has no instance masks."""
     if not observation.is_part_3:
         raise UsageError(
             f"{observation.key}: --deaf compares siblings, which only part_3 has; use --instance category, or --only "
@@ -128,12 +125,11 @@ def _group(observation: Observation) -> str:
     record = observation.record
     if record is None or not (observation.path / layout.INSTANCE_MASKS).is_dir():
         raise UsageError(f"{observation.path}: --deaf needs {layout.OBSERVATION_JSON} and {layout.INSTANCE_MASKS}/")
-    return observation.group_key
 
 
 def _record(observation: Observation) -> ObservationRecord:
     record = observation.record
-    assert record is not None, "checked by _group"
+    assert record is not None, "checked by _check"
     return record
 
 

@@ -20,7 +20,7 @@ from rich.table import Table
 
 from avs3d_bench.contract.schema import FrameRecord, ObservationRecord
 from avs3d_bench.contract.scores import PAIR_FIGURES
-from avs3d_bench.dataset import Dataset, Observation, sibling_frames
+from avs3d_bench.dataset import Dataset, Observation, by_pictures, sibling_frames
 from avs3d_bench.errors import UsageError
 from avs3d_bench.formats.files import write_json
 from avs3d_bench.measures.deaf_oracles import can_sound, instance_ids_of
@@ -123,13 +123,10 @@ def _share_right(
 def main(root: Path, workers: int | None, report: Path | None) -> None:
     """Print what guesses reach on part_3 of ROOT: means over groups, as `pair_accuracy`."""
     dataset = Dataset(root)
-    groups: dict[str, list[str]] = {}
-    for observation in dataset:
-        if observation.is_part_3:
-            groups.setdefault(observation.group_key, []).append(observation.key)
+    groups = by_pictures(observation for observation in dataset if observation.is_part_3)
     if not groups:
         raise click.UsageError(f"{root}: no observation of part_3")
-    keys = [tuple(some) for some in groups.values()]
+    keys = [tuple(sibling.key for sibling in siblings) for siblings in groups.values()]
     found = [out for _, out in process_each(partial(group_chance, root), keys, workers=workers, label="groups")]
     table = Table("guess", *PAIR_FIGURES, title="chance under listen")
     document = {}

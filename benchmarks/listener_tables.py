@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from avs3d_bench.contract import layout
 from avs3d_bench.contract.schema import ProvenanceRecord
 from avs3d_bench.contract.scores import Scores
-from avs3d_bench.dataset import Dataset, Frame, Observation
+from avs3d_bench.dataset import Dataset, Frame, Observation, by_pictures
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.formats.files import read_json, sha256_file, write_json
 from avs3d_bench.formats.media import read_record
@@ -264,11 +264,9 @@ def _write_heard(dataset: Dataset, label: str, rows: Sequence[Row], plan: Plan) 
                 overwrite=True,
             )
             folders[row] = stack.enter_context(writer).folder
-        groups: dict[str, list[Observation]] = {}
-        for observation in dataset.select(*plan.only):
-            groups.setdefault(observation.group_key, []).append(observation)
-        keys = [[each.key for each in group] for group in groups.values()]
-        sizes = [sum(len(each.test) for each in group) for group in groups.values()]
+        groups = by_pictures(dataset.select(*plan.only)).values()
+        keys = [[each.key for each in group] for group in groups]
+        sizes = [sum(len(each.test) for each in group) for group in groups]
         each = partial(_write_siblings, dataset.root, folders, plan)
         for _ in process_each(each, keys, workers=plan.workers, label="rows in 2D", progress=True, sizes=sizes):
             pass

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from avs3d_bench.commands.report import Report, ordered
 from avs3d_bench.contract.schema import ProvenanceRecord
 from avs3d_bench.contract.scores import PROTOCOL_PARTS, PROTOCOLS, Protocol
-from avs3d_bench.dataset import Dataset, Frame, Observation, sibling_frames
+from avs3d_bench.dataset import Dataset, Frame, Observation, by_pictures, sibling_frames
 from avs3d_bench.errors import UsageError, did_you_mean, excerpt
 from avs3d_bench.method import Method
 from avs3d_bench.runtime.parallel import advance, process_each
@@ -293,11 +293,9 @@ def with_soft_masks(
 
 def _jobs(observations: Iterable[Observation]) -> list[ScoringJob]:
     """Group the observations that are scored together, in the order of the first one of each."""
-    found: dict[str, list[Observation]] = {}
-    for observation in observations:
-        found.setdefault(observation.group_key, []).append(observation)
     return [
-        ScoringJob(name, tuple(o.key for o in some), sum(len(o.test) for o in some)) for name, some in found.items()
+        ScoringJob(name, tuple(o.key for o in some), sum(len(o.test) for o in some))
+        for name, some in by_pictures(observations).items()
     ]
 
 

@@ -32,8 +32,7 @@ from avs3d_bench.contract.competition import (
     columns_of,
     task_protocols,
 )
-from avs3d_bench.contract.schema import ObservationRecord
-from avs3d_bench.dataset import Dataset, Observation
+from avs3d_bench.dataset import Dataset, Observation, by_pictures
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports.codabench_files import (
     Archive,
@@ -138,11 +137,9 @@ class Written:
 
 def has_twins(truth: Dataset, keys: Sequence[str]) -> bool:
     """Whether some pair of siblings among the observations is one of twins; then twins rank."""
-    groups: dict[str, list[ObservationRecord]] = {}
-    for one in (truth[key] for key in keys):
-        if one.is_part_3 and one.record is not None:
-            groups.setdefault(one.group_key, []).append(one.record)
-    return any(pair_kind(*pair) == "twins" for some in groups.values() for pair in combinations(some, 2))
+    found = (one for one in (truth[key] for key in keys) if one.is_part_3)
+    groups = ([one.record for one in some if one.record] for some in by_pictures(found).values())
+    return any(pair_kind(*pair) == "twins" for records in groups for pair in combinations(records, 2))
 
 
 def write_codabench(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from avs3d_bench.contract.schema import FrameRecord, InstanceRecord, ObservationRecord
-from avs3d_bench.dataset import Frame, Observation
+from avs3d_bench.dataset import Frame, Observation, by_pictures
 from avs3d_bench.geometry import direction_to
 
 
@@ -152,8 +152,5 @@ def _object(
 
 def groups_of(observations: Sequence[Observation]) -> Mapping[str, tuple[Observation, ...]]:
     """Group → its siblings among some observations, of groups with at least two; both sorted by key."""
-    found: dict[str, list[Observation]] = {}
-    for each in observations:
-        if each.is_part_3:
-            found.setdefault(each.group_key, []).append(each)
-    return {group: tuple(found[group]) for group in sorted(found) if len(found[group]) > 1}
+    found = by_pictures(each for each in observations if each.is_part_3)
+    return {group: found[group] for group in sorted(found) if len(found[group]) > 1}
