@@ -61,7 +61,8 @@ def test_the_rows_of_a_kind_or_a_name() -> None:
         ("both-no-sound", "both", "none"),
         ("direction-swapped-ears", "direction", "swapped-ears"),
     }
-    assert [row.name for row in rows_of(["controls-3d"])] == [f"spatial-{name}" for name in CONTROLS[:5]]
+    lifted = [f"{row}-{name}" for row in ("spatial", "spatial-direction") for name in CONTROLS[:5]]
+    assert [row.name for row in rows_of(["controls-3d"])] == lifted
 
 
 def test_a_control_of_echosegnet_reaches_its_network_and_its_choice(tmp_path: Path) -> None:
