@@ -20,6 +20,7 @@ from avs3d_bench.contract.layout import BINAURAL
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.media import read_wav, write_wav
+from avs3d_bench.formats.staging import staged_folder
 
 #: Name → libsndfile's format and subtype.
 CODECS = {"ogg": ("OGG", "VORBIS"), "mp3": ("MP3", "MPEG_LAYER_III")}
@@ -46,6 +47,11 @@ def coded(samples: NDArray[np.float32], rate: int, codec: str, level: float) -> 
     return out, size * 8e-3 * rate / samples.shape[1]
 
 
+def _free(path: Path) -> None:
+    if path.exists():
+        raise Avs3dError(f"{path} exists; name a folder that does not")
+
+
 @click.command()
 @click.argument("root", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="The copy: a new folder.")
@@ -53,20 +59,25 @@ def coded(samples: NDArray[np.float32], rate: int, codec: str, level: float) -> 
 @click.option("--level", type=click.FloatRange(0, 1), default=0.8, show_default=True, help="0: best, 1: smallest.")
 def main(root: Path, output: Path, codec: str, level: float) -> None:
     """Copy the dataset ROOT with coded clips, and print the median bit rate."""
-    if output.exists():
-        raise click.UsageError(f"{output} exists; name a folder that does not")
+    rates = []
     try:
         dataset = Dataset(root)
-        shutil.copytree(root, output, copy_function=os.link, ignore=shutil.ignore_patterns(BINAURAL))
-        rates = []
-        for observation in dataset:
-            folder = output / observation.key / BINAURAL
-            folder.mkdir()
-            for path in sorted((root / observation.key / BINAURAL).iterdir()):
-                clip = read_wav(path)
-                samples, kbits = coded(clip.samples, clip.rate, codec, level)
-                write_wav(folder / path.name, samples, clip.rate)
-                rates.append(kbits)
+        with staged_folder(output, _free) as copy:
+            shutil.copytree(
+                root, copy, copy_function=os.link, ignore=shutil.ignore_patterns(BINAURAL), dirs_exist_ok=True
+            )
+            for observation in dataset:
+                folder = copy / observation.key / BINAURAL
+                folder.mkdir()
+                for path in sorted((observation.path / BINAURAL).iterdir()):
+                    clip = read_wav(path)
+                    samples, kbits = coded(clip.samples, clip.rate, codec, level)
+                    write_wav(folder / path.name, samples, clip.rate)
+                    rates.append(kbits)
+    except shutil.Error as error:
+        raise click.ClickException(f"{output}: hard links fail, name a folder on the disk of {root}: {error}") from None
+    except soundfile.SoundFileError as error:
+        raise click.ClickException(f"{codec} at --level {level:g}: {error}; name a lower level") from None
     except Avs3dError as error:
         raise click.ClickException(str(error)) from None
     click.echo(f"{len(rates)} clips, {codec}, {np.median(rates):.0f} kbit/s in the median")

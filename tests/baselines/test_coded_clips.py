@@ -51,5 +51,14 @@ def test_only_the_clips_differ(shared_part_3: SharedDataset, tmp_path: Path) -> 
 
 def test_an_existing_folder_is_kept(shared_part_3: SharedDataset, tmp_path: Path) -> None:
     found = CliRunner().invoke(main, [str(shared_part_3(frames=17)), "-o", str(tmp_path)])
-    assert found.exit_code == 2
-    assert "name a folder that does not" in found.output
+    assert found.exit_code == 1
+    assert found.output == f"Error: {tmp_path} exists; name a folder that does not\n"
+
+
+def test_a_level_that_libsndfile_refuses_leaves_nothing(shared_part_3: SharedDataset, tmp_path: Path) -> None:
+    """libsndfile writes no MP3 at its highest level."""
+    root = shared_part_3(frames=17)
+    found = CliRunner().invoke(main, [str(root), "-o", str(tmp_path / "copy"), "--codec", "mp3", "--level", "1"])
+    assert found.exit_code == 1
+    assert found.output.startswith("Error: mp3 at --level 1: ")
+    assert not any(tmp_path.iterdir())
