@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import os
 import shutil
+from functools import partial
 from pathlib import Path
 
 import click
@@ -16,10 +17,10 @@ import numpy as np
 import soundfile
 from numpy.typing import NDArray
 
-from avs3d_bench.contract.layout import BINAURAL
+from avs3d_bench.contract.layout import BINAURAL, SAMPLE_RATE, audio_path
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.formats.media import read_wav, write_wav
+from avs3d_bench.formats.media import write_wav
 from avs3d_bench.formats.staging import staged_folder
 
 #: Name → libsndfile's format and subtype.
@@ -47,9 +48,11 @@ def coded(samples: NDArray[np.float32], rate: int, codec: str, level: float) -> 
     return out, size * 8e-3 * rate / samples.shape[1]
 
 
-def _free(path: Path) -> None:
+def _free(root: Path, path: Path) -> None:
     if path.exists():
         raise Avs3dError(f"{path} exists; name a folder that does not")
+    if path.is_relative_to(root.resolve()):
+        raise Avs3dError(f"{path} lies in {root}, which is copied; name a folder outside")
 
 
 @click.command()
@@ -62,17 +65,15 @@ def main(root: Path, output: Path, codec: str, level: float) -> None:
     rates = []
     try:
         dataset = Dataset(root)
-        with staged_folder(output, _free) as copy:
+        with staged_folder(output, partial(_free, root)) as copy:
             shutil.copytree(
                 root, copy, copy_function=os.link, ignore=shutil.ignore_patterns(BINAURAL), dirs_exist_ok=True
             )
             for observation in dataset:
-                folder = copy / observation.key / BINAURAL
-                folder.mkdir()
-                for path in sorted((observation.path / BINAURAL).iterdir()):
-                    clip = read_wav(path)
-                    samples, kbits = coded(clip.samples, clip.rate, codec, level)
-                    write_wav(folder / path.name, samples, clip.rate)
+                (copy / observation.key / BINAURAL).mkdir()
+                for frame in observation.frames:
+                    samples, kbits = coded(frame.audio(), SAMPLE_RATE, codec, level)
+                    write_wav(copy / observation.key / audio_path(BINAURAL, frame.index), samples)
                     rates.append(kbits)
     except shutil.Error as error:
         raise click.ClickException(f"{output}: hard links fail, name a folder on the disk of {root}: {error}") from None

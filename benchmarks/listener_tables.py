@@ -17,7 +17,7 @@ from __future__ import annotations
 import os
 import platform
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
@@ -95,10 +95,23 @@ _OTHER_SOUND: dict[str, tuple[SoundControl, str]] = {
     "swapped-ears": ("swapped-ears", "with swapped ears"),
     "both-ears-mean": ("both-ears-mean", "with the mean of both ears"),
 }
-_ANSWERS: dict[Literal["direction", "both"], str] = {
-    "direction": "direction alone, no category",
-    "both": "listener, name and direction",
-}
+
+
+def _others(kind: Kind, *rows: Row) -> Iterator[Row]:
+    """Each row with each other sound."""
+    for own in rows:
+        for name, (sound, title) in _OTHER_SOUND.items():
+            yield replace(own, name=f"{own.name}-{name}", title=f"{own.title}, {title}", kind=kind, sound=sound)
+
+
+_BY_PLACE = (
+    Row("direction", "direction alone, no category", "listener", answer="direction"),
+    Row("both", "listener, name and direction", "listener", answer="both"),
+)
+_SPATIAL = (
+    Row("spatial", "listener + EchoSegnet spatial", "echosegnet", "spatial"),
+    Row("spatial-direction", "direction alone + EchoSegnet spatial", "echosegnet", "spatial", answer="direction"),
+)
 ROWS = {
     row.name: row
     for row in (
@@ -110,31 +123,12 @@ ROWS = {
             Row(name, f"listener, 2D, {title}", "listener", sound=sound)
             for name, (sound, title) in _OTHER_SOUND.items()
         ),
-        *(Row(answer, title, "listener", answer=answer) for answer, title in _ANSWERS.items()),
-        *(
-            Row(f"{answer}-{name}", f"{said}, {title}", "controls", answer=answer, sound=sound)
-            for answer, said in _ANSWERS.items()
-            for name, (sound, title) in _OTHER_SOUND.items()
-        ),
+        *_BY_PLACE,
+        *_others("controls", *_BY_PLACE),
         Row("no-aisrm", "listener + EchoSegnet without AISRM", "echosegnet", "no-aisrm"),
         Row("official", "listener + EchoSegnet official", "echosegnet", "official"),
-        Row("spatial", "listener + EchoSegnet spatial", "echosegnet", "spatial"),
-        Row("spatial-direction", "direction alone + EchoSegnet spatial", "echosegnet", "spatial", answer="direction"),
-        *(
-            Row(f"spatial-{name}", f"listener + EchoSegnet spatial, {title}", "controls-3d", "spatial", sound=sound)
-            for name, (sound, title) in _OTHER_SOUND.items()
-        ),
-        *(
-            Row(
-                f"spatial-direction-{name}",
-                f"direction alone + EchoSegnet spatial, {title}",
-                "controls-3d",
-                "spatial",
-                answer="direction",
-                sound=sound,
-            )
-            for name, (sound, title) in _OTHER_SOUND.items()
-        ),
+        *_SPATIAL,
+        *_others("controls-3d", *_SPATIAL),
     )
 }
 KINDS: tuple[Kind, ...] = get_args(Kind)

@@ -55,6 +55,15 @@ def test_an_existing_folder_is_kept(shared_part_3: SharedDataset, tmp_path: Path
     assert found.output == f"Error: {tmp_path} exists; name a folder that does not\n"
 
 
+def test_a_copy_inside_its_original_is_refused(shared_part_3: SharedDataset) -> None:
+    root = shared_part_3(frames=17)
+    before = sorted(root.rglob("*"))
+    found = CliRunner().invoke(main, [str(root), "-o", str(root / "copy")])
+    assert found.exit_code == 1
+    assert found.output == f"Error: {root / 'copy'} lies in {root}, which is copied; name a folder outside\n"
+    assert sorted(root.rglob("*")) == before
+
+
 def test_a_level_that_libsndfile_refuses_leaves_nothing(shared_part_3: SharedDataset, tmp_path: Path) -> None:
     """libsndfile writes no MP3 at its highest level."""
     root = shared_part_3(frames=17)

@@ -15,7 +15,7 @@ from pydantic import Field
 from avs3d_bench import __version__
 from avs3d_bench.contract.schema import AttributionRecord, Record, RelativePath, Sha256, Text
 from avs3d_bench.contract.taxonomy import CATEGORIES
-from avs3d_bench.dataset import Dataset, Observation
+from avs3d_bench.dataset import Dataset, Observation, by_pictures
 from avs3d_bench.errors import UsageError
 from avs3d_bench.exports.samples import select
 from avs3d_bench.exports.seld.events import (
@@ -203,8 +203,9 @@ def write_seld(
     classes = _check_dataset(dataset, scenes, settings)
     with staged_folder(folder, _check_empty) as fresh:
         work = partial(_write_group, dataset.root, fresh, settings)
-        groups = _by_pictures(dataset, scenes)
-        sizes = [sum(len(dataset[scene.key].frame_names) for scene in group) for group in groups]
+        of, films = {scene.key: scene for scene in scenes}, by_pictures(dataset[scene.key] for scene in scenes).values()
+        groups = [tuple(of[observation.key] for observation in film) for film in films]
+        sizes = [sum(len(observation.frame_names) for observation in film) for film in films]
         done = process_each(work, groups, workers=workers, label="recordings", progress=progress, sizes=sizes)
         records = {record.name: record for _, written in done for record in written}
         index = _index(dataset, settings, classes, tuple(records[name] for name in sorted(records)))
@@ -246,14 +247,6 @@ def _check_dataset(dataset: Dataset, scenes: Sequence[SeldScene], settings: Seld
                 "one export has one list of classes: choose observations with --only"
             )
     return event_classes(first, CATEGORIES)
-
-
-def _by_pictures(dataset: Dataset, scenes: Sequence[SeldScene]) -> list[tuple[SeldScene, ...]]:
-    """Recordings with the same pictures together, which then have the same films."""
-    groups: dict[str, list[SeldScene]] = {}
-    for scene in scenes:
-        groups.setdefault(dataset[scene.key].group_key, []).append(scene)
-    return [tuple(group) for group in groups.values()]
 
 
 def _write_group(
