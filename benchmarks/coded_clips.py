@@ -6,7 +6,6 @@ poses are the same files (hard links). So the same observations tell what a code
 
 from __future__ import annotations
 
-import io
 import os
 import shutil
 from functools import partial
@@ -15,37 +14,13 @@ from pathlib import Path
 import click
 import numpy as np
 import soundfile
-from numpy.typing import NDArray
 
 from avs3d_bench.contract.layout import BINAURAL, SAMPLE_RATE, audio_path
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.media import write_wav
 from avs3d_bench.formats.staging import staged_folder
-
-#: Name → libsndfile's format and subtype.
-CODECS = {"ogg": ("OGG", "VORBIS"), "mp3": ("MP3", "MPEG_LAYER_III")}
-
-
-def coded(samples: NDArray[np.float32], rate: int, codec: str, level: float) -> tuple[NDArray[np.float32], float]:
-    """A clip (channels, n) after the codec, with as many samples, and the stream's bit rate (kbit/s).
-
-    Args:
-        samples: of all channels.
-        rate: Hz.
-        codec: of `CODECS`.
-        level: 0 (best) to 1 (smallest), libsndfile's compression level.
-    """
-    kind, subtype = CODECS[codec]
-    stream = io.BytesIO()
-    soundfile.write(stream, samples.T, rate, format=kind, subtype=subtype, compression_level=level)
-    size = stream.tell()
-    stream.seek(0)
-    found = soundfile.read(stream, dtype="float32", always_2d=True)[0].T
-    out = np.zeros_like(samples)
-    kept = min(out.shape[1], found.shape[1])
-    out[:, :kept] = found[:, :kept]
-    return out, size * 8e-3 * rate / samples.shape[1]
+from baselines.listener.codecs import CODECS, coded
 
 
 def _free(root: Path, path: Path) -> None:

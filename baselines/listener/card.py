@@ -24,6 +24,7 @@ from avs3d_bench.formats.files import atomic_path, read_json, write_json
 from avs3d_bench.runtime.parallel import process_each
 from baselines.listener.batches import split_homes
 from baselines.listener.checkpoint import Settings
+from baselines.listener.dry import DrySounds
 from baselines.listener.lite import PACKAGE
 from baselines.listener.masks import marked_where
 from baselines.listener.model import parameter_count
@@ -109,7 +110,7 @@ def write_result(
             "training_homes": len(training),
             "homes": sorted(training),
             "validation_homes": sorted(kept),
-            "assets": _assets_of_others(data),
+            "assets": _assets_of_others(data, result.store.dry),
             "before": [*before],
         },
         "training": {
@@ -172,14 +173,15 @@ def _origin(data: Path | None, manifest: Path | None) -> dict[str, str | None]:
     }
 
 
-def _assets_of_others(data: Path | None) -> list[dict[str, str]] | None:
-    """What others made of what is seen and heard in shards of `avs3d generate`; None of other shards."""
+def _assets_of_others(data: Path | None, dry: DrySounds | None) -> list[dict[str, str]] | None:
+    """What others made of what is seen and heard in shards of `avs3d generate` and their dubs; None of other shards."""
     try:
         shards = list_shards(data) if data else ()
         # Both shards of an observation have its record.
         once = [shard.path for shard in shards if shard.split == "test"] or [shard.path for shard in shards]
         heads = process_each(read_head, once)
         found = [each for _, (record, _) in heads for each in record.attributions]
+        found += dry.credits if dry else ()
     except Avs3dError:
         return None
     return [each.model_dump() for each in unique_attributions(found) if each.author != OWN_AUTHOR]

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
+from avs3d_bench.contract.schema.base import AttributionRecord
 from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.files import atomic_path, sha256_file
@@ -32,11 +33,13 @@ class DrySounds:
         samples: (M, EXCERPT) float16 mono.
         categories: (M,) int64, numbers of `CATEGORIES` from 0.
         digest: sha256 of the file.
+        credits: who recorded what is among them.
     """
 
     samples: NDArray[np.float16]
     categories: NDArray[np.int64]
     digest: str
+    credits: tuple[AttributionRecord, ...] = ()
 
     @cached_property
     def of_category(self) -> list[NDArray[np.int64]]:
@@ -44,10 +47,13 @@ class DrySounds:
         return [np.flatnonzero(self.categories == number) for number in range(len(CATEGORIES))]
 
 
-def write_dry(path: str | Path, samples: NDArray[np.float16], categories: Sequence[int]) -> None:
+def write_dry(
+    path: str | Path, samples: NDArray[np.float16], categories: Sequence[int], credits: Sequence[AttributionRecord] = ()
+) -> None:
     """Write excerpts (`DrySounds`) into a file, in NumPy's format ``npz``."""
+    named = np.asarray([each.model_dump_json() for each in credits], np.str_)
     with atomic_path(Path(path)) as temporary, temporary.open("wb") as stream:
-        np.savez(stream, samples=samples, categories=np.asarray(categories, np.int64))
+        np.savez(stream, samples=samples, categories=np.asarray(categories, np.int64), credits=named)
 
 
 def read_dry(path: str | Path) -> DrySounds:
@@ -60,6 +66,7 @@ def read_dry(path: str | Path) -> DrySounds:
     try:
         with np.load(path) as archive:
             samples, categories = archive["samples"], archive["categories"]
+            named = tuple(AttributionRecord.model_validate_json(str(each)) for each in archive["credits"])
     except Exception as error:
         raise Avs3dError(f"{path}: cannot be read ({error}); {expected}") from None
     count = len(categories)
@@ -67,4 +74,4 @@ def read_dry(path: str | Path) -> DrySounds:
         raise Avs3dError(f"{path}: {samples.dtype} samples of shape {samples.shape}; {expected}")
     if categories.min() < 0 or categories.max() >= len(CATEGORIES):
         raise Avs3dError(f"{path}: a category has a number beyond the {len(CATEGORIES)} of the benchmark; {expected}")
-    return DrySounds(samples, categories, sha256_file(Path(path)))
+    return DrySounds(samples, categories, sha256_file(Path(path)), named)

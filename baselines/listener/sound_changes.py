@@ -1,10 +1,10 @@
 """Random changes of sounds that keep their direction: times and levels between the ears stay, what is heard differs.
 
-Microphones, rooms and codecs change a recording's spectrum and its decay, never the direction of its source. So all
-gains here are without phase and, but for the small differences between heads, the same for both ears. `timing` alone
-moves what is heard above some hundred hertz, as engines do whose heads have natural delays below it alone; the delay
-below and the levels still say where the sound is. Each change has a name (`SOUND_CHANGES`) with which a run leaves it
-out.
+Microphones and rooms change a recording's spectrum and its decay, never the direction of its source. So the gains here
+are without phase and, but for the small differences between heads, the same for both ears. `timing` moves what is heard
+above some hundred hertz, as engines do whose heads have natural delays below it alone, and `codec` may lose the phase
+between the ears there; the delay below and the levels still say where the sound is. Each change has a name
+(`SOUND_CHANGES`) with which a run leaves it out.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import torch
 from torch import Tensor
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
+from baselines.listener.codecs import CODECS, all_coded
 from baselines.listener.features import HIGHEST, LOWEST, WINDOW
 
 #: Names of the changes; see the functions.
@@ -39,13 +40,13 @@ SLOPES = (2.0, 10.0)
 NOISE_BELOW_DB, NOISE_ALONE_DB = (15.0, 50.0), (-90.0, -40.0)
 #: Probabilities: noise under a sound, noise instead of silence.
 NOISY, NOISE_ALONE = 0.5, 0.7
-#: One sound in so many is changed window by window, and which share of these by a codec, and by less decay.
-WINDOWED, CODED, DRIED = 3, 0.6, 0.6
-#: A codec leaves out what lies this far below its surroundings (dB), and rounds levels to steps of (dB).
-MASKED_DB, STEP_DB = (8.0, 30.0), (1.0, 6.0)
+#: One sound in so many has less decay, and one in so many was a file of a lossy codec.
+DRIED, CODED = 5, 5
+#: libsndfile's compression levels of such files: some 190 to 100 kbit/s of Vorbis, 130 to 70 of MP3.
+CODED_LEVELS = (0.5, 0.97)
 #: Share of sounds with more decay, its reverberation time (s), level below the sound (dB) and beginning (s).
 LIVELY, DECAY_S, TAIL_DB, TAIL_AT = 0.3, (0.15, 0.8), (4.0, 20.0), 0.02
-#: Where windows change, the least gain of what decays, and how fast its past is forgotten (s).
+#: The least gain of what decays faster, and how fast its past is forgotten (s).
 _LEAST_GAIN, _PAST_S = 0.25, 0.12
 #: Bands of a disguise, its largest change of a band of a window (dB).
 DISGUISE_BANDS, DISGUISE_DB = 24, 40.0
@@ -70,13 +71,17 @@ def changed_sounds(sounds: Tensor, generator: torch.Generator, without: Collecti
         without: names of `SOUND_CHANGES` that are left out.
     """
     count = len(sounds)
-    out = sounds if "decay" in without else livelier(sounds, generator)
-    if not {"codec", "decay"} <= set(without):
-        out = windowed(out, generator, without)
+    out = sounds
+    if "decay" not in without:
+        out = livelier(out, generator)
+        out = drier(out, generator)
     out = filtered(out, generator, without)
     if "gain" not in without:
         out = out * (10 ** (uniform(generator, count, -GAIN_DB, GAIN_DB) / 20))[:, None, None]
-    return out if "noise" in without else noisy(out, generator)
+    if "noise" not in without:
+        out = noisy(out, generator)
+    # A recorder writes its file last.
+    return out if "codec" in without else filed(out, generator)
 
 
 def noisy(sounds: Tensor, generator: torch.Generator) -> Tensor:
@@ -211,47 +216,45 @@ def livelier(sounds: Tensor, generator: torch.Generator) -> Tensor:
     return out
 
 
-def windowed(sounds: Tensor, generator: torch.Generator, without: Collection[str] = ()) -> Tensor:
-    """One sound in `WINDOWED` with gains that change from window to window and are the same for both ears.
+def drier(sounds: Tensor, generator: torch.Generator) -> Tensor:
+    """One sound in `DRIED` with less decay: a bin that falls after something louder falls faster.
 
-    A codec leaves out bins far below their surroundings, and rounds the level of those that it keeps. With less decay,
-    a bin that falls after something louder falls faster (spectral subtraction of what the past leaves).
+    The gains change from window to window (spectral subtraction of what the past leaves), the same for both ears.
     """
-    count = len(sounds) // WINDOWED
+    count = len(sounds) // DRIED
     if not count:
         return sounds
     rows = torch.randperm(len(sounds), generator=generator, device=sounds.device)[:count]
     spectrum = _stft(sounds[rows])
     power = spectrum.abs().square().mean(dim=1).clamp(min=1e-12)
-    gain = torch.ones_like(power)
-    for name, share, of in (("codec", CODED, _coded), ("decay", DRIED, _dried)):
-        if name not in without:
-            chosen = (uniform(generator, count) < share)[:, None, None]
-            gain = torch.where(chosen, gain * of(power, generator), gain)
-    out = sounds.clone()
-    out[rows] = _istft(spectrum * gain[:, None], sounds.shape)
-    return out
-
-
-def _coded(power: Tensor, generator: torch.Generator) -> Tensor:
-    around = torch.nn.functional.avg_pool2d(power[:, None], (9, 1), 1, (4, 0), count_include_pad=False)[:, 0]
-    loudest = power.amax(dim=(1, 2), keepdim=True)
-    margin = uniform(generator, len(power), *MASKED_DB)[:, None, None]
-    kept = (power > around * 10 ** (-margin / 10)) & (power > loudest * 10 ** (-(margin + 40) / 10))
-    step = uniform(generator, len(power), *STEP_DB)[:, None, None]
-    decibels = 10 * torch.log10(power)
-    return kept * 10 ** (((decibels / step).round() * step - decibels) / 20)
-
-
-def _dried(power: Tensor, generator: torch.Generator) -> Tensor:
     hop = WINDOW // 2 / SAMPLE_RATE
     length = max(1, round(3 * _PAST_S / hop))
     forget = math.exp(-hop / _PAST_S)
     kernel = forget ** torch.arange(length, 0, -1, device=power.device, dtype=power.dtype)
     past = torch.nn.functional.pad(power.flatten(0, 1)[:, None], (length, 0))[..., :-1]
     late = torch.nn.functional.conv1d(past, (kernel / kernel.sum())[None, None])[:, 0].view_as(power)
-    strength = uniform(generator, len(power), 0.3, 1.0)[:, None, None]
-    return (1 - strength * late / power).clamp(min=_LEAST_GAIN**2).sqrt()
+    strength = uniform(generator, count, 0.3, 1.0)[:, None, None]
+    gain = (1 - strength * late / power).clamp(min=_LEAST_GAIN**2).sqrt()
+    out = sounds.clone()
+    out[rows] = _istft(spectrum * gain[:, None], sounds.shape)
+    return out
+
+
+def filed(sounds: Tensor, generator: torch.Generator) -> Tensor:
+    """One sound in `CODED` as a file of Ogg Vorbis or MP3 gives it back.
+
+    At low rates Vorbis keeps no phase between the ears above some frequency. The host codes, and waits for the device.
+    """
+    count = len(sounds) // CODED
+    if not count:
+        return sounds
+    rows = torch.randperm(len(sounds), generator=generator, device=sounds.device)[:count]
+    names = (uniform(generator, count) * len(CODECS)).long().tolist()
+    levels = uniform(generator, count, *CODED_LEVELS).tolist()
+    out = sounds.clone()
+    found = all_coded(sounds[rows].cpu().numpy(), [list(CODECS)[name] for name in names], levels)
+    out[rows] = torch.from_numpy(found).to(out)
+    return out
 
 
 def disguised(sounds: Tensor, others: Tensor) -> Tensor:

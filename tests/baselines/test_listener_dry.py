@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
+import soundfile
 from click.testing import CliRunner
 from scipy.signal import fftconvolve
 
@@ -156,6 +158,40 @@ def test_excerpts_are_of_voices_for_training_and_sound_in_their_second_half() ->
     assert (levels > 0.05 * levels.max()).all()
     np.testing.assert_array_equal(first, excerpts((MICROWAVE, "turntable_transformer", 0)))
     assert not np.array_equal(first[0], other[0])
+
+
+def test_excerpts_of_a_recording_are_of_its_sounding_places_and_it_is_credited(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A recording that is silent in its second half: excerpts are of the first, each at a speed of its own."""
+    from benchmarks import listener_dry
+    from generators.library.lock import read_lock
+
+    store = listener_dry.Store(tmp_path / "store")
+    monkeypatch.setattr(listener_dry.Store, "default", lambda: store)
+    lock = read_lock(listener_dry.MANIFESTS / listener_dry.LOCK_NAME)
+    first = next(each for each in lock.assets if each.kind == "sound" and each.split == "train")
+    tone = 0.3 * np.sin(2 * np.pi * 1000 * np.arange(12 * SAMPLE_RATE) / SAMPLE_RATE)
+    tone[6 * SAMPLE_RATE :] = 0
+    data = BytesIO()
+    soundfile.write(data, tone, SAMPLE_RATE, format="WAV")
+    sha256, size = store.put(first.id, "sound.wav", data.getvalue())
+    entry = first.model_copy(update={"sha256": sha256, "bytes": size, "file": "sound.wav", "trim": None})
+    known = lock.model_copy(update={"assets": [entry]})
+    monkeypatch.setattr(listener_dry, "read_lock", lambda _: known)
+    monkeypatch.setattr(listener_dry, "voices", lambda _: ())
+    found = CliRunner().invoke(
+        listener_dry.main, ["-o", str(tmp_path / "dry.npz"), "--recorded", "6", "--workers", "1"]
+    )
+    assert found.exit_code == 0, found.output
+    made = dry.read_dry(tmp_path / "dry.npz")
+    assert [CATEGORIES[number] for number in made.categories] == [entry.category] * 6
+    assert [(each.asset, each.author, each.name) for each in made.credits] == [(entry.id, entry.author, entry.licence)]
+    heard = made.samples[:, SAMPLE_RATE:].astype(float)
+    assert (np.sqrt(np.mean(heard**2, axis=1)) > 0.01).all()
+    pitches = np.abs(np.fft.rfft(heard)).argmax(axis=1)
+    assert len(set(pitches)) > 3
+    assert all(1000 / listener_dry.FASTER - 3 <= pitch <= 1000 * listener_dry.FASTER + 3 for pitch in pitches)
 
 
 @pytest.mark.slow
