@@ -181,7 +181,7 @@ def part_of(store: ShardStore, sounds: Iterable[int]) -> ShardStore:
     chosen: dict[str, Any] = {name: [getattr(store.table, name)[n] for n in kept] for name in of_sounds}
     chosen |= {name: [getattr(store.table, name)[n] for n in views] for name in of_views}
     table = replace(store.table, view=view.tolist(), **chosen)
-    arrays = {name: getattr(store, name)[kept] for name in ("sounds", "masks", "marked")}
+    arrays = {name: getattr(store, name)[kept] for name in ("sounds", "coded", "masks", "marked")}
     arrays["responses"] = store.responses[kept] if len(store.responses) else store.responses
     arrays |= {name: getattr(store, name)[views] for name in ("pictures", "classes", "extents")}
     return ShardStore(table, **arrays, dry=store.dry)

@@ -34,7 +34,7 @@ PART_SIDE, PART_SHARES, AROUND_OBJECTS = 128, (0.25, 0.7), 0.85
 #: Probability of a mirrored picture, and of a sound in a disguise where it may have one.
 MIRRORED, DISGUISED = 0.5, 0.2
 #: Names of the changes that a run can leave out.
-CHANGES = ("disguise", *SOUND_CHANGES, *PICTURE_CHANGES)
+CHANGES = ("disguise", "codec", *SOUND_CHANGES, *PICTURE_CHANGES)
 #: Share of the memory that is free on a GPU which the store may take.
 STORE_SHARE = 0.5
 
@@ -76,7 +76,7 @@ class Bank:
 
     def __init__(self, store: ShardStore, device: torch.device) -> None:
         self.device = torch.device(device)
-        arrays = {name: getattr(store, name) for name in ("pictures", "classes", "sounds", "masks")}
+        arrays = {name: getattr(store, name) for name in ("pictures", "classes", "sounds", "coded", "masks")}
         if store.dry is not None:
             arrays |= {"responses": store.responses, "dry": store.dry.samples}
         self.resident = False
@@ -89,7 +89,7 @@ class Bank:
         self._cameras = torch.tensor(store.table.cameras, dtype=torch.float32, device=self.device)
 
     def rows(self, name: str, index: Tensor) -> Tensor:
-        """Rows of ``pictures``, ``classes``, ``sounds`` or ``masks``, or with dry sounds ``responses`` or ``dry``."""
+        """Rows of an array of the store, or of the dry sounds (``dry``)."""
         source = self._tensors[name]
         return self.sent(source.index_select(0, index.to(source.device, non_blocking=True)))
 
@@ -120,7 +120,7 @@ class Bank:
             pictures=pictures,
             classes=self.rows("classes", views).long(),
             cameras=self.cameras(views),
-            sounds=self._mixed(plan, generator),
+            sounds=self._mixed(plan, generator, coded=generator is not None and "codec" not in without),
             masks=self._united(plan),
             audible=self.sent(plan.audible).float(),
             named=torch.ones(len(plan.kinds), dtype=torch.bool, device=self.device),
@@ -130,20 +130,27 @@ class Bank:
             return reduced(batch)
         return augmented(batch, generator, without) if len(batch.sounds) else parts(batch, generator, without)
 
-    def _mixed(self, plan: BatchPlan, generator: torch.Generator | None) -> Tensor:
-        first = self._sounds(plan.sounds[:, 0], plan.dubs[:, 0])
+    def _mixed(self, plan: BatchPlan, generator: torch.Generator | None, coded: bool) -> Tensor:
+        filed = plan.coded & coded
+        first = self._sounds(plan.sounds[:, 0], plan.dubs[:, 0], filed[:, 0])
         second = np.flatnonzero(plan.sounds[:, 1] >= 0)
         if len(second):
-            other, rows = self._sounds(plan.sounds[second, 1], plan.dubs[second, 1]), self.sent(second)
+            other, rows = (
+                self._sounds(*(each[second, 1] for each in (plan.sounds, plan.dubs, filed))),
+                self.sent(second),
+            )
             ratio = level(first[rows]) / level(other)
             change = 0.0 if generator is None else uniform(generator, len(second), -MIX_DB, MIX_DB)
             gain = ratio * 10 ** (change / 20)
             first[rows] += other * gain[:, None, None]
         return first
 
-    def _sounds(self, index: Any, dubs: Any) -> Tensor:
+    def _sounds(self, index: Any, dubs: Any, coded: Any) -> Tensor:
         numbers = torch.from_numpy(index)
         chosen = self.rows("sounds", numbers.clamp(min=0)).float()
+        filed = np.flatnonzero(coded)
+        if len(filed):
+            chosen[self.sent(filed)] = self.rows("coded", torch.from_numpy(index[filed])).float()
         dubbed = np.flatnonzero(dubs >= 0)
         if len(dubbed):
             dry = self.rows("dry", torch.from_numpy(dubs[dubbed])).float()

@@ -10,7 +10,7 @@ sounds. Where a picture has too few siblings, sounds are made for it:
 - *mixed*: two sounds at once; what is marked is marked in either.
 
 Where the store has dry sounds, half of the sounds of one source whose impulse response is stored are *dubbed*: another
-sound of the category is heard through it, at the same level.
+sound of the category is heard through it, at the same level. A third of the others were a file of Ogg Vorbis or MP3.
 
 A plan depends on (seed, step, rank) alone: a run that goes on after an interruption gets the same batches.
 """
@@ -43,6 +43,8 @@ CLEARANCE = math.radians(30.0)
 NO_CLASS = 0.2
 #: Share of the sounds with an impulse response that are dubbed.
 DUBBED = 0.5
+#: Share of the sounds that are not dubbed which come from a file of a lossy codec.
+CODED = 0.35
 #: Draws before a kind of sound that needs luck is given up for this picture.
 _DRAWS = 8
 _NUMBER = {name: number for number, name in enumerate(CATEGORIES)}
@@ -74,6 +76,7 @@ class BatchPlan:
         views: (B,) pictures.
         sounds: (B·SOUNDS, 2) sounds that are added; −1: none.
         dubs: (B·SOUNDS, 2) dry sounds that are heard in their place; −1: none.
+        coded: (B·SOUNDS, 2) bool: which of the others come from a file of a lossy codec.
         truths: (B·SOUNDS, 2) sounds whose masks are united; −1: none.
         audible: (B·SOUNDS, categories + 1) bool; the last one: a sound of no class.
         kinds: (B·SOUNDS,) of `SoundKind`.
@@ -82,6 +85,7 @@ class BatchPlan:
     views: NDArray[np.int64]
     sounds: NDArray[np.int64]
     dubs: NDArray[np.int64]
+    coded: NDArray[np.bool_]
     truths: NDArray[np.int64]
     audible: NDArray[np.bool_]
     kinds: NDArray[np.int64]
@@ -188,10 +192,12 @@ class Sampler:
         for row, slot in enumerate(slots):
             audible[row, list(slot.audible)] = True
         sounds = np.asarray([(*slot.sounds, -1, -1)[:2] for slot in slots], np.int64)
+        dubs = self._dubs(sounds, rng)
         return BatchPlan(
             views=views,
             sounds=sounds,
-            dubs=self._dubs(sounds, rng),
+            dubs=dubs,
+            coded=(sounds >= 0) & (dubs < 0) & (rng.random(sounds.shape) < CODED),
             truths=np.asarray([(*slot.truths, -1, -1)[:2] for slot in slots], np.int64),
             audible=audible,
             kinds=np.asarray([slot.kind for slot in slots], np.int64),
@@ -201,7 +207,9 @@ class Sampler:
         """Pictures without sound: `SOUNDS` times as many as in a batch with sound, of each of which a part is seen."""
         views = self._views(step, rank, SOUNDS * self.batch)
         pairs = np.zeros((0, 2), np.int64)
-        return BatchPlan(views, pairs, pairs, pairs, np.zeros((0, UNKNOWN + 1), np.bool_), np.zeros(0, np.int64))
+        return BatchPlan(
+            views, pairs, pairs, pairs >= 0, pairs, np.zeros((0, UNKNOWN + 1), np.bool_), np.zeros(0, np.int64)
+        )
 
     def _views(self, step: int, rank: int, count: int) -> NDArray[np.int64]:
         """The pictures of a batch: the next ones of an order that changes from epoch to epoch."""

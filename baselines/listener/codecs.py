@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
-from functools import cache
 
 import numpy as np
 import soundfile
 from numpy.typing import NDArray
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
-from avs3d_bench.runtime.parallel import available_cores
 
 #: Name → libsndfile's format and subtype.
 CODECS = {"ogg": ("OGG", "VORBIS"), "mp3": ("MP3", "MPEG_LAYER_III")}
-#: Highest sample of a file.
-PEAK = 0.95
-#: Most threads that code at the same time; libsndfile works outside the interpreter's lock.
-THREADS = 12
+#: Compression levels of what is learnt from (190 to 100 kbit/s of Vorbis, 130 to 70 of MP3) and its highest sample.
+LEVELS, PEAK = (0.5, 0.97), 0.95
 
 
 def coded(samples: NDArray[np.float32], rate: int, codec: str, level: float) -> tuple[NDArray[np.float32], float]:
@@ -46,23 +40,11 @@ def coded(samples: NDArray[np.float32], rate: int, codec: str, level: float) -> 
     return out, size * 8e-3 * rate / samples.shape[1]
 
 
-def all_coded(clips: NDArray[np.float32], codecs: Sequence[str], levels: Sequence[float]) -> NDArray[np.float32]:
-    """Clips (B, channels, n) at `SAMPLE_RATE`, each after its codec; louder ones than `PEAK` are coded more softly.
+def drawn(samples: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
+    """A clip (channels, n) at `SAMPLE_RATE` after a codec and a level of `LEVELS` that are drawn.
 
-    Args:
-        clips: of any level.
-        codecs: of each clip, of `CODECS`.
-        levels: of each clip, see `coded`.
+    Louder ones than `PEAK` are coded more softly, so that nothing is clipped.
     """
-
-    def one(row: int) -> NDArray[np.float32]:
-        scale = max(1.0, float(np.abs(clips[row]).max()) / PEAK)
-        return coded(clips[row] / np.float32(scale), SAMPLE_RATE, codecs[row], levels[row])[0] * np.float32(scale)
-
-    return np.stack(list(_pool().map(one, range(len(clips)))))
-
-
-@cache
-def _pool() -> ThreadPoolExecutor:
-    # One for the process: a step begins a few dozen clips.
-    return ThreadPoolExecutor(min(THREADS, available_cores()), thread_name_prefix="codec")
+    codec, level = list(CODECS)[rng.integers(len(CODECS))], rng.uniform(*LEVELS)
+    scale = np.float32(max(1.0, float(np.abs(samples).max()) / PEAK))
+    return coded(samples / scale, SAMPLE_RATE, codec, level)[0] * scale

@@ -34,6 +34,7 @@ from avs3d_bench.exports.shard_files import ShardFile, list_shards
 from avs3d_bench.formats.files import write_json
 from avs3d_bench.formats.staging import staged_folder
 from avs3d_bench.runtime.parallel import advance, process_each
+from baselines.listener.codecs import drawn
 from baselines.listener.dry import DrySounds
 
 #: Side of the pictures the network works on; of those that are stored where frames are larger, so that parts of them
@@ -43,7 +44,7 @@ FINE = 2 * SIDE
 #: Sides to which pictures are resized when the trained network looks at them (pixels).
 LOOK_SIDES = (SIDE, FINE, 3 * SIDE)
 #: Changes when the stored arrays do: folders of other versions are written again.
-VERSION = 4
+VERSION = 5
 TABLE = "table.json"
 #: How a table begins, which may be replaced: its fields are sorted.
 _TABLE_SIGNATURE = Signature(start=b'{\n "audible": ')
@@ -136,6 +137,7 @@ class ShardStore:
         pictures: (P, side, side, 3) uint8 RGB.
         classes: (P, side, side) uint8: class of the visible instance, 0 none of the seven categories.
         sounds: (N, 2, 44100) float16.
+        coded: (N, 2, 44100) float16 the same, each from a file of a lossy codec (`codecs.drawn`).
         masks: (N, side, side / 8) uint8: the mask of what sounds, eight pixels a byte.
         marked: (N,) int32: pixels of the mask.
         extents: (P, 7, 2) float32: lowest and highest lateral angle at which a category is visible (rad), NaN if not.
@@ -148,6 +150,7 @@ class ShardStore:
     pictures: NDArray[np.uint8]
     classes: NDArray[np.uint8]
     sounds: NDArray[np.float16]
+    coded: NDArray[np.float16]
     masks: NDArray[np.uint8]
     marked: NDArray[np.int32]
     extents: NDArray[np.float32]
@@ -160,6 +163,7 @@ def _shapes(views: int, sounds: int, side: int = SIDE, responses: int = 0) -> di
         "pictures": ((views, side, side, 3), np.uint8),
         "classes": ((views, side, side), np.uint8),
         "sounds": ((sounds, 2, layout.SAMPLE_RATE), np.float16),
+        "coded": ((sounds, 2, layout.SAMPLE_RATE), np.float16),
         "masks": ((sounds, side, math.ceil(side / 8)), np.uint8),
         "marked": ((sounds,), np.int32),
         "extents": ((views, len(CATEGORIES), 2), np.float32),
@@ -390,6 +394,7 @@ def _decode_shard(folder: Path, job: tuple[Path, list[tuple[int, int | None, Fra
                 shape = sample["binaural"].shape
                 raise Avs3dError(f"{path}: {entry.key}: sound of shape {shape}, expected (2, {layout.SAMPLE_RATE})")
             arrays["sounds"][number] = sample["binaural"]
+            arrays["coded"][number] = drawn(sample["binaural"], np.random.default_rng([38, *entry.key.encode()]))
             if entry.response:
                 arrays["responses"][number] = _response(sample)
             mask = fit(sample["mask"].astype(np.uint8), side, cv2.INTER_NEAREST)

@@ -2,9 +2,8 @@
 
 Microphones and rooms change a recording's spectrum and its decay, never the direction of its source. So the gains here
 are without phase and, but for the small differences between heads, the same for both ears. `timing` moves what is heard
-above some hundred hertz, as engines do whose heads have natural delays below it alone, and `codec` may lose the phase
-between the ears there; the delay below and the levels still say where the sound is. Each change has a name
-(`SOUND_CHANGES`) with which a run leaves it out.
+above some hundred hertz, as engines do whose heads have natural delays below it alone; the delay below and the levels
+still say where the sound is. Each change has a name (`SOUND_CHANGES`) with which a run leaves it out.
 """
 
 from __future__ import annotations
@@ -17,11 +16,10 @@ import torch
 from torch import Tensor
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
-from baselines.listener.codecs import CODECS, all_coded
 from baselines.listener.features import HIGHEST, LOWEST, WINDOW
 
 #: Names of the changes; see the functions.
-SOUND_CHANGES = ("gain", "noise", "eq", "ears", "timing", "band", "codec", "decay")
+SOUND_CHANGES = ("gain", "noise", "eq", "ears", "timing", "band", "decay")
 #: Range of gains (dB).
 GAIN_DB = 6.0
 #: Points of the spectrum with a random gain, log-spaced, and its standard deviation (dB): of both ears together, as
@@ -40,10 +38,8 @@ SLOPES = (2.0, 10.0)
 NOISE_BELOW_DB, NOISE_ALONE_DB = (15.0, 50.0), (-90.0, -40.0)
 #: Probabilities: noise under a sound, noise instead of silence.
 NOISY, NOISE_ALONE = 0.5, 0.7
-#: One sound in so many has less decay, and one in so many was a file of a lossy codec.
-DRIED, CODED = 5, 5
-#: libsndfile's compression levels of such files: some 190 to 100 kbit/s of Vorbis, 130 to 70 of MP3.
-CODED_LEVELS = (0.5, 0.97)
+#: One sound in so many has less decay.
+DRIED = 5
 #: Share of sounds with more decay, its reverberation time (s), level below the sound (dB) and beginning (s).
 LIVELY, DECAY_S, TAIL_DB, TAIL_AT = 0.3, (0.15, 0.8), (4.0, 20.0), 0.02
 #: The least gain of what decays faster, and how fast its past is forgotten (s).
@@ -78,10 +74,7 @@ def changed_sounds(sounds: Tensor, generator: torch.Generator, without: Collecti
     out = filtered(out, generator, without)
     if "gain" not in without:
         out = out * (10 ** (uniform(generator, count, -GAIN_DB, GAIN_DB) / 20))[:, None, None]
-    if "noise" not in without:
-        out = noisy(out, generator)
-    # A recorder writes its file last.
-    return out if "codec" in without else filed(out, generator)
+    return out if "noise" in without else noisy(out, generator)
 
 
 def noisy(sounds: Tensor, generator: torch.Generator) -> Tensor:
@@ -237,23 +230,6 @@ def drier(sounds: Tensor, generator: torch.Generator) -> Tensor:
     gain = (1 - strength * late / power).clamp(min=_LEAST_GAIN**2).sqrt()
     out = sounds.clone()
     out[rows] = _istft(spectrum * gain[:, None], sounds.shape)
-    return out
-
-
-def filed(sounds: Tensor, generator: torch.Generator) -> Tensor:
-    """One sound in `CODED` as a file of Ogg Vorbis or MP3 gives it back.
-
-    At low rates Vorbis keeps no phase between the ears above some frequency. The host codes, and waits for the device.
-    """
-    count = len(sounds) // CODED
-    if not count:
-        return sounds
-    rows = torch.randperm(len(sounds), generator=generator, device=sounds.device)[:count]
-    names = (uniform(generator, count) * len(CODECS)).long().tolist()
-    levels = uniform(generator, count, *CODED_LEVELS).tolist()
-    out = sounds.clone()
-    found = all_coded(sounds[rows].cpu().numpy(), [list(CODECS)[name] for name in names], levels)
-    out[rows] = torch.from_numpy(found).to(out)
     return out
 
 

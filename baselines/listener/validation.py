@@ -47,7 +47,7 @@ def own_plan(table: ShardTable, views: Sequence[int], sounds: Sequence[int]) -> 
         [[*(name in table.audible[sound] for name in CATEGORIES), table.others[sound]] for sound in sounds], np.bool_
     )
     own = np.full(len(sounds), SoundKind.OWN, np.int64)
-    return BatchPlan(np.asarray(views, np.int64), pair, no_dubs, pair, audible, own)
+    return BatchPlan(np.asarray(views, np.int64), pair, no_dubs, np.zeros(pair.shape, np.bool_), pair, audible, own)
 
 
 @contextmanager

@@ -757,8 +757,10 @@ def test_a_run_begins_with_trained_weights_and_says_so(
 
 
 def test_the_card_credits_who_made_recordings_and_models(tmp_path: Path) -> None:
+    from avs3d_bench.contract.schema import AttributionRecord
     from avs3d_bench.exports.observation_tar import RECORD_MEMBER
     from baselines.listener import card
+    from baselines.listener.dry import EXCERPT, DrySounds
 
     root = tiny.write_dataset(tmp_path / "data", frames=2)
     keys = [observation.key for observation in Dataset(root)]
@@ -772,8 +774,11 @@ def test_the_card_credits_who_made_recordings_and_models(tmp_path: Path) -> None
         with tarfile.open(tmp_path / "shards" / f"test-{number}.tar", "w") as archive:
             archive.add(tmp_path / "record", RECORD_MEMBER)
         (tmp_path / "shards" / f"train-{number}.tar").touch()  # not read: the record is the same
-    found = card._assets_of_others(tmp_path / "shards")
+    bell = {"asset": "recording:bell", "name": "CC0-1.0", "author": "Bo Example", "source": "https://example.org/bell"}
+    dry = DrySounds(np.zeros((0, EXCERPT), np.float16), np.zeros(0, np.int64), "", (AttributionRecord(**bell),))
+    found = card._assets_of_others(tmp_path / "shards", dry)
     assert found is not None
+    assert bell in found
     assert {"asset": "recording:clock", **licence} in found
     assert "recording:clock by Ann Example (CC-BY-4.0, https://example.org/clock)" in map(card._credit, found)
     assert not [each for each in found if each["author"] == "avs3d-bench"]

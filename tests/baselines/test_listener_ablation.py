@@ -33,7 +33,7 @@ def store(keys: list[str], views: list[int]) -> ShardStore:
         has_response=[n > 2 for n in range(count)],
     )  # fmt: skip
     each: dict[str, Any] = {name: np.arange(shown)[:, None] for name in ("pictures", "classes", "extents")}
-    each |= {name: np.arange(count)[:, None] for name in ("sounds", "masks", "marked", "responses")}
+    each |= {name: np.arange(count)[:, None] for name in ("sounds", "coded", "masks", "marked", "responses")}
     return ShardStore(table, **each)
 
 

@@ -47,11 +47,11 @@ def heard_at(sounds: Any) -> Any:
     return GRID[response[:, direction.VOTES].argmax(dim=1)]
 
 
-def test_no_change_but_timing_and_codec_moves_a_sound() -> None:
+def test_no_change_but_timing_moves_a_sound() -> None:
     sounds = torch.stack([bursts(angle, seed) for seed, angle in enumerate((-45, -20, 0, 20, 45, 60))])
     before = heard_at(sounds)
     for seed in range(3):
-        after = heard_at(sound_changes.changed_sounds(sounds, torch.Generator().manual_seed(seed), ("timing", "codec")))
+        after = heard_at(sound_changes.changed_sounds(sounds, torch.Generator().manual_seed(seed), ("timing",)))
         assert (after - before).abs().max() <= 9
     disguise = sound_changes.disguised(sounds, sounds.roll(1, 0))
     assert (heard_at(disguise) - before).abs().max() <= 9
@@ -76,16 +76,6 @@ def test_timing_moves_high_frequencies_alone_and_changes_no_level() -> None:
     assert 2e-4 < moved.abs().max() < 3e-4 + 5e-6
     assert (moved > 5e-6).any()
     assert (moved < -5e-6).any()
-
-
-def test_one_sound_in_five_was_a_file() -> None:
-    sounds = torch.stack([bursts(30, seed, 8192) for seed in range(10)])
-    found = sound_changes.filed(sounds, torch.Generator().manual_seed(0))
-    changed = (found != sounds).flatten(1).any(dim=1)
-    assert changed.sum() == 2
-    error = (found - sounds)[changed].square().mean(dim=(1, 2)) / sounds[changed].square().mean(dim=(1, 2))
-    assert (error > 1e-5).all()
-    assert (error < 0.5).all()
 
 
 @pytest.mark.parametrize("name", sound_changes.SOUND_CHANGES)

@@ -122,6 +122,37 @@ def test_a_dubbed_sound_is_heard_through_the_response_at_the_level_of_the_frame(
         np.testing.assert_allclose(heard[row], expected, atol=2e-3 * np.abs(expected).max())
 
 
+def test_a_third_of_the_sounds_that_are_not_dubbed_come_from_a_file_of_a_codec(
+    store: shards.ShardStore, sounds: Path
+) -> None:
+    """Unless the run leaves `codec` out, and never where nothing is drawn at random."""
+    dubbing = replace(store, dry=dry.read_dry(sounds))
+    bank, sampler = augment.Bank(dubbing, torch.device("cpu")), Sampler(dubbing, 2)
+    plans = [sampler.plan(step) for step in range(40)]
+    own = np.concatenate([plan.coded[(plan.sounds >= 0) & (plan.dubs < 0)] for plan in plans])
+    assert 0.25 < own.mean() < 0.45
+    assert not any((plan.coded & ((plan.sounds < 0) | (plan.dubs >= 0))).any() for plan in plans)
+    for plan in plans:
+        first = plan.sounds[:, 0]
+        heard = bank._mixed(replace(plan, sounds=np.stack([first, np.full_like(first, -1)], axis=1)), None, coded=True)
+        for row in np.flatnonzero((first >= 0) & (plan.dubs[:, 0] < 0)):
+            expected = (store.coded if plan.coded[row, 0] else store.sounds)[first[row]]
+            np.testing.assert_array_equal(heard[row].numpy(), np.asarray(expected, np.float32))
+    plan = next(plan for plan in plans if plan.coded.any())
+    same = replace(plan, coded=np.zeros_like(plan.coded))
+    assert torch.equal(bank.gather(plan, None).sounds, bank.gather(same, None).sounds)
+    left_out = [bank.gather(each, torch.Generator().manual_seed(0), ("codec",)).sounds for each in (plan, same)]
+    assert torch.equal(*left_out)
+
+
+def test_stored_files_of_codecs_sound_like_their_originals(store: shards.ShardStore) -> None:
+    for number, level in enumerate(np.abs(np.asarray(store.sounds, np.float64)).max(axis=(1, 2))):
+        one, other = np.asarray(store.sounds[number], np.float64), np.asarray(store.coded[number], np.float64)
+        if level > 1e-3:
+            error = np.square(one - other).mean() / np.square(one).mean()
+            assert 1e-4 < error < 0.95
+
+
 def test_a_sound_of_no_class_is_never_dubbed(store: shards.ShardStore, sounds: Path) -> None:
     others = [True] * len(store.table.others)
     unknown = replace(store, table=replace(store.table, others=others), dry=dry.read_dry(sounds))
