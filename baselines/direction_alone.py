@@ -13,6 +13,9 @@ With ``direction`` what a sound is called takes no part: it shows what two ears 
 
 In part_3 sources come and go, and some are in no picture. There `echosegnet.activity` says which candidates sound in
 which second: each is on or off for some seconds, and places without a candidate explain what none of them does.
+Twins stand side by side there and share a hull behind them, so voxels that touch are divided where the agreement of the
+frames has several peaks: the high leaves of a component tree (R. Jones, "Connected filtering and segmentation using
+component trees", Computer Vision and Image Understanding 75 (1999) 215-228).
 
 `DirectionMarker` marks train frames for a method that lifts masks into 3D (`--masks listener --listener-answer
 direction`): in part_1 and part_2 the chosen object, in part_3 every object, among which that method chooses by sound.
@@ -28,7 +31,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import label
+from scipy.ndimage import distance_transform_edt, find_objects, label
 
 from avs3d_bench.dataset import Dataset, Frame
 from avs3d_bench.method import Method, write_submission
@@ -49,6 +52,9 @@ MOST_VIEWS = 40
 VOXEL, REACH, ABOVE, BELOW = 0.1, 4.0, 1.2, 1.7
 #: A voxel is part of an object if at least so many frames look at it, and of these this share sees an object.
 LEAST_VIEWS, AGREED = 3, 0.45
+#: In part_3, objects that touch are divided by levels of this step, into parts of at least so many voxels; a part is an
+#: object if its peak has this share of the highest one, and from this share of its own peak on a voxel is its core.
+STEP, LEAST_PART, HIGH = 0.05, 4, 0.85
 #: Probability above which a pixel is an object of a category, and where the object is known to be.
 OBJECT, OBJECT_INSIDE = 0.4, 0.2
 #: A candidate is likelier than another by its number of voxels, which tells an object from crumbs, but no object is
@@ -63,6 +69,9 @@ NAMES, NAMES_OF_A_SECOND, HEARD_PRIOR = 4.0, 0.5, 0.3
 LEAST_HEARD = 0.02
 #: Probability from which on a candidate is marked in a second of part_3.
 DECIDED = 0.5
+#: How far around its core a candidate of part_3 may be seen (share of a picture's side), and the share of a component
+#: that must lie there for all of it to be marked; of others what lies there is.
+NEAR, MOSTLY = 3 / 378, 0.6
 
 
 @dataclass(frozen=True)
@@ -133,7 +142,7 @@ class DirectionMethod:
             walk: train views.
             maps: classes of their pixels.
         """
-        points, labels, categories, choice = self._by_sound(walk, lambda: self._choice(walk, maps))
+        points, labels, categories, _, choice = self._by_sound(walk, lambda: self._choice(walk, maps))
         if choice is None or not choice.heard:
             return None
         size = np.array([(labels == label).sum() for label in choice.labels])
@@ -157,14 +166,16 @@ class DirectionMethod:
     def _candidates(self, walk: Sequence[views.RegisteredView], maps: Sequence[NDArray[np.float32]]) -> tuple[Any, ...]:
         """`candidates` of a walk; siblings, which have the same pictures, have the same."""
         of = walk[0].frame.observation
-        found: tuple[Any, ...] = self._once("pictures", (str(of.root), of.group_key), lambda: candidates(walk, maps))
+        found: tuple[Any, ...] = self._once(
+            "pictures", (str(of.root), of.group_key), lambda: candidates(walk, maps, divided=of.is_part_3)
+        )
         return found
 
     def _choice(self, walk: Sequence[views.RegisteredView], maps: Sequence[NDArray[np.float32]]) -> tuple[Any, ...]:
         """The candidates and the choice among them by place; None without any."""
-        points, labels, categories = self._candidates(walk, maps)
+        points, labels, *rest = self._candidates(walk, maps)
         choice = spatial.choose(points, labels, walk, self._clips(walk)) if len(points) else None
-        return points, labels, categories, choice
+        return points, labels, *rest, choice
 
     def _clips(self, walk: Sequence[views.RegisteredView]) -> NDArray[np.float32]:
         """(T, 2, n) the sound of views."""
@@ -175,7 +186,7 @@ class DirectionMethod:
         train = some_of(views.train_views(walk))
         used = sorted([*train, *views.test_views(walk)], key=lambda view: view.name)
         maps = dict(zip([view.name for view in used], self._classes(used), strict=True))
-        points, labels, categories, odds = self._by_sound(
+        points, labels, categories, core, odds = self._by_sound(
             walk, lambda: self._odds(train, used, [maps[view.name] for view in train])
         )
         sounding = self._sounding(labels, categories, odds, used)
@@ -184,9 +195,9 @@ class DirectionMethod:
         for frame in frames:
             ids = np.zeros(frame.rgb().shape[:2], np.uint8)
             for number in np.flatnonzero(sounding[place[frame.name]]) if frame.name in place else ():
-                one, category = labels == number, int(named[number])
-                view = used[place[frame.name]]
-                ids[self._of_points(frame, maps[frame.name], points[one], category, view)] = 1 + category
+                category, view = int(named[number]), used[place[frame.name]]
+                one = points[(labels == number) & core]
+                ids[self._of_core(frame, maps[frame.name][1 + category], one, view)] = 1 + category
             out.append(Prediction(ids > 0, ids))
         return out
 
@@ -203,11 +214,11 @@ class DirectionMethod:
             used: in the order of time.
             maps: classes of the pixels of ``train``.
         """
-        points, labels, categories = self._candidates(train, maps)
+        points, labels, *rest = self._candidates(train, maps)
         if not len(points):
-            return points, labels, categories, np.zeros((len(used), 0), np.float32)
+            return points, labels, *rest, np.zeros((len(used), 0), np.float32)
         posterior = cluster_activity(points, labels, used, self._clips(used), largest=LARGE).posterior
-        return points, labels, categories, log_odds(posterior.astype(np.float32))
+        return points, labels, *rest, log_odds(posterior.astype(np.float32))
 
     def _sounding(
         self,
@@ -237,11 +248,23 @@ class DirectionMethod:
             inside = silhouette(points, view, likely.shape)
         touched[0] = False
         # One cell more, so that edges lie between cells where the probabilities say.
-        near = cv2.dilate(touched[number].astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        near = dilated(touched[number], 1)
         kept, threshold = np.where(near, likely, 1e-6).astype(np.float32), OBJECT
         if not touched.any():
             kept, threshold = np.where(inside, likely, 1e-6).astype(np.float32), OBJECT_INSIDE
         return replace(self.model, threshold=threshold).mask(log_odds(kept), frame.rgb())
+
+    def _of_core(
+        self, frame: Frame, likely: NDArray[np.float32], points: NDArray[np.float64], view: Any
+    ) -> NDArray[np.bool_]:
+        """(H, W) what the picture shows of a category where points are seen: objects that touch share a component."""
+        inside = dilated(silhouette(points, view, likely.shape), max(1, round(NEAR * likely.shape[1])))
+        count, number = cv2.connectedComponents((likely > OBJECT_INSIDE).astype(np.uint8), connectivity=8)
+        area, within = (np.bincount(each.reshape(-1), minlength=count) for each in (number, number[inside]))
+        whole = within >= MOSTLY * area
+        near = dilated((number > 0) & (inside | whole[number]), 1)
+        kept = log_odds(np.where(near, likely, 1e-6).astype(np.float32))
+        return replace(self.model, threshold=OBJECT_INSIDE).mask(kept, frame.rgb())
 
 
 @dataclass(frozen=True)
@@ -294,13 +317,14 @@ def category_of_each(labels: NDArray[np.int64], categories: NDArray[np.int64]) -
 
 
 def candidates(
-    walk: Sequence[views.RegisteredView], maps: Sequence[NDArray[np.float32]]
-) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
-    """Voxels of objects: points (N, 3), label of the candidate (N,), category (N,), 0-based.
+    walk: Sequence[views.RegisteredView], maps: Sequence[NDArray[np.float32]], *, divided: bool = False
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+    """Voxels of objects: points (N, 3), label of the candidate (N,), category (N,), 0-based, whether in its core (N,).
 
     Args:
         walk: views of train frames.
         maps: classes of their pixels, (8, n, n) each.
+        divided: whether voxels that touch may be several candidates (`objects`); else each is one, and all is core.
     """
     positions = np.stack([view.position for view in walk])
     low, high = positions.min(axis=0) - REACH, positions.max(axis=0) + REACH
@@ -315,17 +339,69 @@ def candidates(
         seen += ahead
         likely[ahead] += classes[1:, cells[ahead, 1], cells[ahead, 0]].T
     share = likely / np.maximum(seen, 1)[:, None]
-    category = share.argmax(axis=1)
-    inside = (share.max(axis=1) > AGREED) & (seen >= LEAST_VIEWS)
-    labels, count = np.full(len(points), -1, np.int64), 0
-    for each in np.unique(category[inside]):
-        volume = (inside & (category == each)).reshape(grid.shape[:3])
-        number, found = label(volume, np.ones((3, 3, 3)))
-        number = number.reshape(-1)
-        labels[number > 0] = number[number > 0] + count - 1
-        count += found
+    category, agreed = share.argmax(axis=1), np.where(seen >= LEAST_VIEWS, share.max(axis=1), 0)
+    labels, inner, count = np.full(len(points), -1, np.int64), np.zeros(len(points), np.bool_), 0
+    for each in np.unique(category[agreed > AGREED]):
+        volume = np.where(category == each, agreed, 0).reshape(grid.shape[:3])
+        for voxels, core in objects(volume) if divided else touching(volume):
+            where = np.ravel_multi_index(tuple(voxels.T), volume.shape)
+            labels[where], inner[where] = count, core
+            count += 1
     chosen = labels >= 0
-    return points[chosen], labels[chosen], category[chosen]
+    return points[chosen], labels[chosen], category[chosen], inner[chosen]
+
+
+def touching(volume: NDArray[np.floating]) -> Iterator[tuple[NDArray[np.int64], NDArray[np.bool_]]]:
+    """Voxels above `AGREED` that touch, see `objects`: of each piece their indices (n, 3), and (n,) True."""
+    number, _ = label(volume > AGREED, np.ones((3, 3, 3)))
+    for each, box in enumerate(find_objects(number), 1):
+        voxels = np.argwhere(number[box] == each)
+        yield voxels + [side.start for side in box], np.ones(len(voxels), np.bool_)
+
+
+def objects(volume: NDArray[np.floating]) -> Iterator[tuple[NDArray[np.int64], NDArray[np.bool_]]]:
+    """Objects of one category: of each the indices (n, 3) of its voxels, and (n,) which are its core.
+
+    Voxels above `AGREED` that touch (26 neighbours) are one object, or as many as `_peaks` has high parts: each voxel
+    belongs to the nearest of these, whose voxels near its maximum are the core.
+
+    Args:
+        volume: (X, Y, Z) how far the frames agree on each voxel, 0 to 1.
+
+    Examples:
+        >>> volume = np.full((9, 3, 3), 0.5)  # a hull that two objects share
+        >>> volume[:3], volume[6:] = 0.8, 0.9
+        >>> [(len(voxels), int(core.sum())) for voxels, core in objects(volume)]
+        [(45, 27), (36, 27)]
+    """
+    number, _ = label(volume > AGREED, np.ones((3, 3, 3)))
+    for each, box in enumerate(find_objects(number), 1):
+        own, part = np.where(number[box] == each, volume[box], 0), np.zeros(number[box].shape, np.int64)
+        peaks = list(_peaks(own, AGREED))
+        highest = max(own[peak].max() for peak in peaks)
+        for count, peak in enumerate((peak for peak in peaks if own[peak].max() >= HIGH * highest), 1):
+            part[peak] = count
+        nearest = distance_transform_edt(part == 0, return_distances=False, return_indices=True)
+        basin = np.where(own > 0, part[tuple(nearest)], 0)
+        for one in range(1, part.max() + 1):
+            core = (part == one) & (own >= HIGH * own[part == one].max())
+            voxels = np.argwhere(basin == one)
+            yield voxels + [side.start for side in box], core[tuple(voxels.T)]
+
+
+def _peaks(volume: NDArray[np.floating], level: float) -> Iterator[NDArray[np.bool_]]:
+    """The parts into which the voxels above a level that touch are divided: each is a mask of ``volume``.
+
+    The level rises until there are two parts of `LEAST_PART` voxels or more, and each of these is divided in turn.
+    """
+    for higher in np.arange(level + STEP, 1, STEP):
+        number, _ = label(volume > higher, np.ones((3, 3, 3)))
+        large = np.flatnonzero(np.bincount(number.reshape(-1))[1:] >= LEAST_PART) + 1
+        if len(large) > 1:
+            for each in large:
+                yield from _peaks(np.where(number == each, volume, 0), float(higher))
+            return
+    yield volume > level
 
 
 def projected(
@@ -353,6 +429,11 @@ def silhouette(points: NDArray[np.float64], view: views.RegisteredView, shape: t
         if ahead.any():
             cv2.fillConvexPoly(out, cv2.convexHull(cells[ahead].astype(np.int32)), 1)
     return out.astype(np.bool_)
+
+
+def dilated(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
+    """A mask (H, W) and what is at most ``reach`` pixels from it, along rows and columns."""
+    return cv2.dilate(mask.astype(np.uint8), np.ones((2 * reach + 1,) * 2, np.uint8)) > 0
 
 
 def write_direction(

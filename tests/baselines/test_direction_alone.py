@@ -35,7 +35,7 @@ def walk() -> list[RegisteredView]:
         yaw = math.atan2(-x, 3.0)
         rotation = np.array([[math.cos(yaw), 0, math.sin(yaw)], [0, 1, 0], [-math.sin(yaw), 0, math.cos(yaw)]])
         camera = Intrinsics.from_fov(CELLS, 90.0)
-        frame: Any = SimpleNamespace(observation=SimpleNamespace(root="", path=KEY, group_key=KEY))
+        frame: Any = SimpleNamespace(observation=SimpleNamespace(root="", path=KEY, is_part_3=False, group_key=KEY))
         out.append(RegisteredView(f"frame_{number:03d}", "train", camera, rotation, np.array([x, 0.0, 0.0]), frame))
     return out
 
@@ -68,7 +68,7 @@ def found() -> tuple[list[RegisteredView], Any]:
 
 
 def test_objects_of_the_pictures_become_candidates_where_they_are(found: Any) -> None:
-    _, (points, labels, categories) = found
+    _, (points, labels, categories, _) = found
     assert set(np.unique(categories)) == {CLOCK, TELEPHONE}
     large = [label for label in np.unique(labels) if (labels == label).sum() >= 10]
     middles = sorted(tuple(points[labels == label].mean(axis=0).round(1)) for label in large)
@@ -79,7 +79,7 @@ def test_objects_of_the_pictures_become_candidates_where_they_are(found: Any) ->
 
 @pytest.mark.parametrize("number", range(len(OBJECTS)))
 def test_the_walk_tells_which_candidate_sounds_whatever_it_is_called(found: Any, number: int) -> None:
-    views, (points, labels, categories) = found
+    views, (points, labels, categories, _) = found
     centre, category = OBJECTS[number]
     choice = spatial.choose(points, labels, views, np.stack([clip(view, centre) for view in views]))
     assert np.linalg.norm(points[choice.chosen].mean(axis=0) - centre) < 0.5
@@ -102,8 +102,8 @@ def test_a_frame_keeps_the_component_that_the_chosen_voxels_are_seen_in(found: A
 def method(cues: direction_alone.Cues, audible: dict[int, float], monkeypatch: pytest.MonkeyPatch) -> Any:
     """A method with two candidates, a clock of 40 voxels and a telephone of 20, that hears categories by name."""
     labels = np.repeat([0, 1], [40, 20])
-    found = np.zeros((60, 3)), labels, np.where(labels == 0, CLOCK, TELEPHONE)
-    monkeypatch.setattr(direction_alone, "candidates", lambda *_: found)
+    found = np.zeros((60, 3)), labels, np.where(labels == 0, CLOCK, TELEPHONE), np.ones(60, np.bool_)
+    monkeypatch.setattr(direction_alone, "candidates", lambda *_, **__: found)
     made = direction_alone.DirectionMethod(ListenerMethod(None, torch.device("cpu"), "0" * 64), cues)
     heard = np.full(len(CATEGORIES), 0.02, np.float32)
     heard[list(audible)] = list(audible.values())
@@ -144,7 +144,8 @@ def test_in_part_3_a_name_that_is_heard_confirms_a_candidate_and_another_one_doe
     posterior = np.array([[0.4, 0.4], [0.4, 0.9]])
     monkeypatch.setattr(direction_alone, "cluster_activity", lambda *_, **__: SimpleNamespace(posterior=posterior))
     both, views = method("both", {CLOCK: 0.9}, monkeypatch), walk()[:2]
-    _, *found = both._odds(views, views, [])
+    _, labels, categories, _, odds = both._odds(views, views, [])
+    found = labels, categories, odds
     assert both._sounding(*found, views).tolist() == [[True, False], [True, True]]
     assert replace(both, cues="direction")._sounding(*found, views).tolist() == [[False, False], [False, True]]
 
@@ -205,6 +206,48 @@ def test_where_the_network_misses_the_chosen_object_its_silhouette_lowers_the_th
     unsure = direction_alone.DirectionMethod(model)._of_points(frame, classes, left, CLOCK, view)
     assert (sure & unsure).sum() / (sure | unsure).sum() > 0.6
     assert not unsure[:, 63:].any()
+
+
+@pytest.mark.parametrize(("nearer", "kept"), [(0, (True, False)), (2, (False, True))])
+def test_in_part_3_objects_that_a_picture_shows_as_one_are_cut_where_the_core_ends(
+    found: Any, nearer: int, kept: tuple[bool, bool]
+) -> None:
+    views, (points, *_) = found
+    model = ListenerMethod(None, torch.device("cpu"), "0" * 64, refine="none")
+    frame: Any = SimpleNamespace(rgb=lambda: np.zeros((126, 126, 3), np.uint8))
+    classes, view = seen(views[4]), views[4]
+    classes[1 + CLOCK, 28:36, 10:53] = 0.9  # a bar from one clock to the other
+    core = points[points[:, 0] * (nearer - 1) > 0.6]
+    mask = direction_alone.DirectionMethod(model)._of_core(frame, classes[1 + CLOCK], core, view)
+    assert (bool(mask[:, :50].any()), bool(mask[:, 76:].any())) == kept
+
+
+def test_a_hull_that_objects_share_is_divided_between_them_and_each_has_its_core() -> None:
+    volume = np.zeros((20, 6, 6))
+    volume[2:18, 1:5, 1:5] = 0.5
+    volume[2:7, 1:5, 1:5], volume[3:6, 2:4, 2:4] = 0.62, 0.8
+    volume[13:18, 1:5, 1:5] = 0.7
+    volume[9, 2, 2] = 0.9  # of fewer voxels than `LEAST_PART`
+    volume[9, 3, 3] = 0.5
+    ((whole, every),) = direction_alone.touching(volume)
+    assert len(whole) == (volume > 0).sum()
+    assert every.all()
+    (one, core), (other, rest) = sorted(direction_alone.objects(volume), key=lambda each: each[0][0, 0])
+    assert {tuple(each) for each in one[core]} == {(x, y, z) for x in (3, 4, 5) for y in (2, 3) for z in (2, 3)}
+    assert rest.sum() == 5 * 4 * 4
+    assert other[rest][:, 0].min() == 13
+    # No voxel is lost, and each is of the object that is nearer.
+    assert len(one) + len(other) == (volume > 0).sum()
+    assert one[:, 0].max() <= 9 <= other[:, 0].min()
+
+
+def test_a_part_on_which_the_frames_agree_far_less_is_no_object_of_its_own() -> None:
+    """Seen from one side alone, a hull reaches far behind its object, where crossing rays make lower peaks."""
+    volume = np.full((12, 4, 4), 0.5)
+    volume[:3], volume[8:11] = 1.0, 0.7
+    ((voxels, core),) = direction_alone.objects(volume)
+    assert len(voxels) == volume.size
+    assert voxels[core][:, 0].max() == 2
 
 
 def test_a_silhouette_is_where_voxels_are(found: Any) -> None:
