@@ -128,6 +128,7 @@ class Trainings:
         accelerator: cpu or cuda.
         picture_steps: that learn from pictures alone, the first ones.
         sound_steps: that follow.
+        arms: titles of `ARMS` that are trained.
     """
 
     cache: Path
@@ -139,6 +140,7 @@ class Trainings:
     accelerator: str
     picture_steps: int = 0
     sound_steps: int = 0
+    arms: tuple[str, ...] = tuple(ARMS)
 
     def result(self, title: str, seed: int) -> Path:
         """The file of an arm's figures with a seed."""
@@ -479,7 +481,9 @@ def _work(plan: Trainings, kind: str, title: str, seed: int) -> None:
     {"pictures": _trainer.look, "sounds": _trainer.listen}[kind](title, seed)
 
 
-def steps_for(seconds: float, each: tuple[float, float], seeds: int, at_once: int) -> tuple[int, int]:
+def steps_for(
+    seconds: float, each: tuple[float, float], seeds: int, at_once: int, arms: Sequence[str] = tuple(ARMS)
+) -> tuple[int, int]:
     """Steps with pictures alone, and with sounds, that all trainings can take in some time.
 
     Args:
@@ -487,13 +491,14 @@ def steps_for(seconds: float, each: tuple[float, float], seeds: int, at_once: in
         each: seconds of a step of both kinds.
         seeds: how many.
         at_once: processes.
+        arms: titles of what is trained.
     """
-    beginnings = len({beginning_of(title) for title in ARMS})
-    left = PLANNED * at_once * seconds - seeds * len(ARMS) * BESIDES
-    steps = left / (seeds * (beginnings * PICTURE_SHARE * each[0] + len(ARMS) * each[1]))
+    beginnings = len({beginning_of(title) for title in arms})
+    left = PLANNED * at_once * seconds - seeds * len(arms) * BESIDES
+    steps = left / (seeds * (beginnings * PICTURE_SHARE * each[0] + len(arms) * each[1]))
     if steps < 1:
         raise Avs3dError(
-            f"{seconds:.0f} s do not suffice for {seeds} seeds of {len(ARMS)} trainings; allow more minutes"
+            f"{seconds:.0f} s do not suffice for {seeds} seeds of {len(arms)} trainings; allow more minutes"
         )
     return math.ceil(PICTURE_SHARE * int(steps)), int(steps)
 
@@ -513,7 +518,7 @@ def train_all(plan: Trainings, seeds: int, at_once: int, minutes: float) -> list
         if not plan.sound_steps:
             timed = list(pool.map(_seconds, range(at_once)))
             each = fmean(one[0] for one in timed), fmean(one[1] for one in timed)
-            pictures, sounds = steps_for(60 * minutes - (time.monotonic() - began), each, seeds, at_once)
+            pictures, sounds = steps_for(60 * minutes - (time.monotonic() - began), each, seeds, at_once, plan.arms)
             plan = replace(plan, picture_steps=pictures, sound_steps=sounds)
             click.echo(f"{each[0]:.4f} and {each[1]:.4f} s a step, {at_once} at a time: {pictures} and {sounds} steps")
         write_json(plan.work / PLAN, {name: value for name, value in asdict(plan).items() if name in _SHARED})
@@ -546,7 +551,7 @@ _SHARED = ("picture_steps", "sound_steps", "batch", "size", "frames")
 
 def _jobs(plan: Trainings, seed: int) -> list[tuple[str, str, int]]:
     """What is left of a seed: its beginnings come first."""
-    titles = [title for title in ARMS if not plan.result(title, seed).exists()]
+    titles = [title for title in plan.arms if not plan.result(title, seed).exists()]
     firsts = [title for title in dict.fromkeys(map(beginning_of, titles)) if not _begun(plan, title, seed)]
     return [*(("pictures", title, seed) for title in firsts), *(("sounds", title, seed) for title in titles)]
 
@@ -623,6 +628,13 @@ def decode(data: Path, names: tuple[str, ...], workers: int | None) -> None:
 @click.option("--size", default="small", show_default=True, help="Of the network.")
 @click.option("--accelerator", type=click.Choice(["cpu", "cuda"]), default="cuda", show_default=True)
 @click.option("--seeds", type=click.IntRange(1), default=3, show_default=True)
+@click.option(
+    "--arm",
+    "arms",
+    type=click.Choice(list(ARMS)),
+    multiple=True,
+    help="Train those named [all]; nothing: what the others are compared with.",
+)
 @click.option("--at-once", type=click.IntRange(1), default=8, show_default=True, help="Networks at a time.")
 def train_command(
     shards: Path, work: Path, tests: tuple[str, ...], seeds: int, at_once: int, minutes: float, **chosen: Any
@@ -637,6 +649,7 @@ def train_command(
         chosen |= {name: known[name] for name in _SHARED}
     folders = {name: Path(folder) for name, _, folder in (each.partition("=") for each in tests)}
     chosen |= {name: chosen[name] or 0 for name in ("picture_steps", "sound_steps")}
+    chosen["arms"] = chosen["arms"] or tuple(ARMS)
     plan = Trainings(work=work, tests=folders, **chosen)
     if failed := train_all(plan, seeds, at_once, minutes - (time.monotonic() - began) / 60):
         raise Avs3dError("; ".join(failed))

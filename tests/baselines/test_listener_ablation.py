@@ -115,6 +115,15 @@ def test_steps_fill_the_time_that_is_planned_for() -> None:
         ablation.steps_for(30, (0.03, 0.06), 3, 8)
 
 
+def test_arms_that_are_named_are_trained_alone_and_have_more_steps(tmp_path: Path) -> None:
+    arms = ("nothing", "codec")
+    plan = ablation.Trainings(
+        Path("cache"), {}, tmp_path, frames=1, batch=4, size="small", accelerator="cpu", arms=arms
+    )
+    assert ablation._jobs(plan, 0) == [("pictures", "nothing", 0), ("sounds", "nothing", 0), ("sounds", "codec", 0)]
+    assert ablation.steps_for(700, (0.03, 0.06), 3, 8, arms)[1] > 5 * ablation.steps_for(700, (0.03, 0.06), 3, 8)[1]
+
+
 # ---- scores
 
 
