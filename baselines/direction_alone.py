@@ -353,10 +353,9 @@ def candidates(
 
 def touching(volume: NDArray[np.floating]) -> Iterator[tuple[NDArray[np.int64], NDArray[np.bool_]]]:
     """Voxels above `AGREED` that touch, see `objects`: of each piece their indices (n, 3), and (n,) True."""
-    number, _ = label(volume > AGREED, np.ones((3, 3, 3)))
-    for each, box in enumerate(find_objects(number), 1):
-        voxels = np.argwhere(number[box] == each)
-        yield voxels + [side.start for side in box], np.ones(len(voxels), np.bool_)
+    for start, own in _pieces(volume):
+        voxels = np.argwhere(own)
+        yield voxels + start, np.ones(len(voxels), np.bool_)
 
 
 def objects(volume: NDArray[np.floating]) -> Iterator[tuple[NDArray[np.int64], NDArray[np.bool_]]]:
@@ -374,10 +373,8 @@ def objects(volume: NDArray[np.floating]) -> Iterator[tuple[NDArray[np.int64], N
         >>> [(len(voxels), int(core.sum())) for voxels, core in objects(volume)]
         [(45, 27), (36, 27)]
     """
-    number, _ = label(volume > AGREED, np.ones((3, 3, 3)))
-    for each, box in enumerate(find_objects(number), 1):
-        own, part = np.where(number[box] == each, volume[box], 0), np.zeros(number[box].shape, np.int64)
-        peaks = list(_peaks(own, AGREED))
+    for start, own in _pieces(volume):
+        peaks, part = list(_peaks(own, AGREED)), np.zeros(own.shape, np.int64)
         highest = max(own[peak].max() for peak in peaks)
         for count, peak in enumerate((peak for peak in peaks if own[peak].max() >= HIGH * highest), 1):
             part[peak] = count
@@ -386,7 +383,14 @@ def objects(volume: NDArray[np.floating]) -> Iterator[tuple[NDArray[np.int64], N
         for one in range(1, part.max() + 1):
             core = (part == one) & (own >= HIGH * own[part == one].max())
             voxels = np.argwhere(basin == one)
-            yield voxels + [side.start for side in box], core[tuple(voxels.T)]
+            yield voxels + start, core[tuple(voxels.T)]
+
+
+def _pieces(volume: NDArray[np.floating]) -> Iterator[tuple[NDArray[np.int64], NDArray[np.floating]]]:
+    """Of each piece of voxels above `AGREED` that touch: where its box begins, and the box, 0 outside of the piece."""
+    number, _ = label(volume > AGREED, np.ones((3, 3, 3)))
+    for each, box in enumerate(find_objects(number), 1):
+        yield np.array([side.start for side in box]), np.where(number[box] == each, volume[box], 0)
 
 
 def _peaks(volume: NDArray[np.floating], level: float) -> Iterator[NDArray[np.bool_]]:

@@ -633,6 +633,7 @@ def decode(data: Path, names: tuple[str, ...], workers: int | None) -> None:
     "arms",
     type=click.Choice(list(ARMS)),
     multiple=True,
+    default=list(ARMS),
     help="Train those named [all]; nothing: what the others are compared with.",
 )
 @click.option("--at-once", type=click.IntRange(1), default=8, show_default=True, help="Networks at a time.")
@@ -649,7 +650,6 @@ def train_command(
         chosen |= {name: known[name] for name in _SHARED}
     folders = {name: Path(folder) for name, _, folder in (each.partition("=") for each in tests)}
     chosen |= {name: chosen[name] or 0 for name in ("picture_steps", "sound_steps")}
-    chosen["arms"] = chosen["arms"] or tuple(ARMS)
     plan = Trainings(work=work, tests=folders, **chosen)
     if failed := train_all(plan, seeds, at_once, minutes - (time.monotonic() - began) / 60):
         raise Avs3dError("; ".join(failed))

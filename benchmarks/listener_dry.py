@@ -9,6 +9,7 @@ recordings for training that are in the store there are excerpts from random pla
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
 import click
@@ -16,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
-from avs3d_bench.contract.schema.base import AttributionRecord
 from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.runtime.parallel import process_each
@@ -95,30 +95,21 @@ def main(output: Path, units: int, recorded: int, workers: int | None) -> None:
         if voice.split == "train"
         for unit in range(units)
     ]
-    recordings = [(entry, recorded // len(entries)) for entries in _recordings().values() for entry in entries]
+    entries = Store.default().recordings(read_lock(MANIFESTS / LOCK_NAME), "train")
+    of_category = Counter(entry.category for entry in entries)
+    recordings = [(entry, recorded // of_category[entry.category]) for entry in entries]
     try:
         found = dict(process_each(excerpts, tasks, workers=workers, label="units of voices"))
         others = {entry.id: some for (entry, _), some in process_each(recorded_excerpts, recordings, workers=workers)}
     except Avs3dError as error:
         raise click.ClickException(str(error)) from None
+    heard = [entry for entry in entries if len(others[entry.id])]
     pieces = [(task[0], found[task]) for task in tasks]
-    pieces += [(CATEGORIES.index(str(entry.category)), others[entry.id]) for entry, _ in recordings]
+    pieces += [(CATEGORIES.index(str(entry.category)), others[entry.id]) for entry in heard]
     categories = [number for number, some in pieces for _ in some]
-    credits = [
-        AttributionRecord(asset=entry.id, name=entry.licence, author=entry.author, source=entry.terms.source)
-        for entry, _ in recordings
-    ]
+    credits = [entry.attribution_record for entry in heard]
     write_dry(output, np.concatenate([some for _, some in pieces]), categories, credits)
-    click.echo(f"{output}: {len(categories)} excerpts of {len(tasks)} units and {len(recordings)} recordings")
-
-
-def _recordings() -> dict[str, list[AssetEntry]]:
-    """The recordings for training in the store, by category."""
-    store, out = Store.default(), {name: list[AssetEntry]() for name in CATEGORIES}
-    for entry in read_lock(MANIFESTS / LOCK_NAME).assets:
-        if entry.kind == "sound" and entry.split == "train" and not store.problem(entry):
-            out[str(entry.category)].append(entry)
-    return {name: entries for name, entries in out.items() if entries}
+    click.echo(f"{output}: {len(categories)} excerpts of {len(tasks)} units and {len(heard)} recordings")
 
 
 if __name__ == "__main__":

@@ -165,7 +165,7 @@ def of_lock(split: str, seed: int, units: int | None = None) -> Clips:
         Avs3dError: if there is none, or one is damaged.
     """
     store, lock = Store.default(), read_lock(MANIFESTS / LOCK_NAME)
-    mine = [each for each in lock.assets if each.kind == "sound" and each.split == split and not store.problem(each)]
+    mine = store.recordings(lock, split)
     if not mine:
         raise Avs3dError(f"{store.root}: no recording of the split {split}; bring them: avs3d assets fetch")
     found: list[Second] = []

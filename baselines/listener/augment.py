@@ -135,10 +135,8 @@ class Bank:
         first = self._sounds(plan.sounds[:, 0], plan.dubs[:, 0], filed[:, 0])
         second = np.flatnonzero(plan.sounds[:, 1] >= 0)
         if len(second):
-            other, rows = (
-                self._sounds(*(each[second, 1] for each in (plan.sounds, plan.dubs, filed))),
-                self.sent(second),
-            )
+            other = self._sounds(plan.sounds[second, 1], plan.dubs[second, 1], filed[second, 1])
+            rows = self.sent(second)
             ratio = level(first[rows]) / level(other)
             change = 0.0 if generator is None else uniform(generator, len(second), -MIX_DB, MIX_DB)
             gain = ratio * 10 ** (change / 20)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
-from avs3d_bench.contract.schema.base import AttributionRecord
+from avs3d_bench.contract.schema import AttributionRecord
 from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.formats.files import atomic_path, sha256_file

@@ -67,10 +67,7 @@ def changed_sounds(sounds: Tensor, generator: torch.Generator, without: Collecti
         without: names of `SOUND_CHANGES` that are left out.
     """
     count = len(sounds)
-    out = sounds
-    if "decay" not in without:
-        out = livelier(out, generator)
-        out = drier(out, generator)
+    out = sounds if "decay" in without else drier(livelier(sounds, generator), generator)
     out = filtered(out, generator, without)
     if "gain" not in without:
         out = out * (10 ** (uniform(generator, count, -GAIN_DB, GAIN_DB) / 20))[:, None, None]

@@ -19,6 +19,7 @@ from typing import Annotated, Any, Literal
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
+from avs3d_bench.contract.schema import AttributionRecord
 from avs3d_bench.contract.taxonomy import check_category_name
 from avs3d_bench.errors import Avs3dError, excerpt
 from avs3d_bench.formats import files
@@ -124,6 +125,12 @@ class AssetEntry(BaseModel):
     def terms(self) -> Licence:
         """Its licence, author and source."""
         return Licence(self.licence, self.author, self.url or self.ref)
+
+    @property
+    def attribution_record(self) -> AttributionRecord:
+        """The same for a dataset or a model card that uses it."""
+        terms = self.terms
+        return AttributionRecord(asset=self.id, name=terms.name, author=terms.author, source=terms.source)
 
     @property
     def attribution(self) -> str:

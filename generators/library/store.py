@@ -25,7 +25,7 @@ from avs3d_bench.formats import files
 from avs3d_bench.runtime.provenance import provenance
 from avs3d_bench.runtime.user_path import user_path
 from generators.library.archive import read_zip
-from generators.library.lock import AssetEntry, read_lock
+from generators.library.lock import AssetEntry, Lock, read_lock
 
 #: Suffixes that the cleaning reads.
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".dae")
@@ -80,6 +80,10 @@ class Store:
         if found != entry.sha256:
             return f"{path} has the sha256 {found[:12]}…, the lock file says {entry.sha256[:12]}…"
         return ""
+
+    def recordings(self, lock: Lock, split: str) -> list[AssetEntry]:
+        """The undamaged recordings of a split that are here, in the order of the lock file."""
+        return [each for each in lock.assets if each.kind == "sound" and each.split == split and not self.problem(each)]
 
     def adopt(self, asset: str, staged: Path, sha256: str) -> Path:
         """Move a complete download (see `incoming`) to its final place; a damaged file there is replaced."""

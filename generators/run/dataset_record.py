@@ -73,7 +73,7 @@ def _of_asset(item: AssetSpec, base: Path) -> AttributionRecord | None:
     entry = read_lock(base / LOCK_NAME).find(item.asset or "")
     if entry is None:
         return None
-    return AttributionRecord(asset=entry.id, name=entry.licence, author=entry.author, source=entry.url or entry.ref)
+    return entry.attribution_record
 
 
 def describe_dataset(
