@@ -452,9 +452,9 @@ class Results:
         return text([f"pair_accuracy: {'SNR' if column == 'background.snr_db' else 'absorption scale'}",
                      *map(shown, values)], rows)  # fmt: skip
 
-    def ablation(self) -> str:
-        """What random changes are worth to small networks."""
-        return ablation_tables.summary(self.json("listener-ablation"))
+    def ablation(self, name: str) -> str:
+        """What random changes are worth to small networks, from one file of `benchmarks.listener_ablation`."""
+        return ablation_tables.summary(self.json(name))
 
     def curves(self) -> str:
         """Learning curves of small networks over homes and voices."""
@@ -520,7 +520,9 @@ def blocks(docs: Path) -> dict[str, list[tuple[str, Callable[[], str]]]]:
         "docs/leaks.md": [(part, partial(own.leaks, part)) for part in ("part_2", "part_1")],
         "docs/light.md": [("rooms", own.light), ("surfaces", own.light_surfaces)],
         "docs/listener-training.md": [("runs", own.runs), ("curves", own.curves)],
-        "docs/listener-trials.md": [("ablation", own.ablation)],
+        "docs/listener-trials.md": [
+            (name, partial(own.ablation, f"listener-{name}")) for name in ("ablation", "ablation-files")
+        ],
         "docs/official.md": [("table 2", own.paper_methods), ("table 3", own.paper_thresholds)],
         "docs/export-qa.md": [("qa", own.qa)],
         "docs/protocol-listen.md": [("guesses", own.guesses), ("references", own.references)],
