@@ -136,7 +136,7 @@ $(CARDS): $(LISTENER)/run/seed%/listener.safetensors: $(LISTENER)/decoded.done
 else
 $(CARDS): $(LISTENER)/run/seed%/listener.safetensors: $(LISTENER)/decoded.done $(DRY)
 	@mkdir -p $(@D) && ln -sfn $(abspath $(LISTENER)/tune-cache) $(@D)/calibration
-	$(call timed,seed$*,$(call on,$*) $(PYTHON) -m benchmarks.listener_training --data $(SHARDS) --cache $(LISTENER)/train-cache \
+	$(call timed,seed$*,$(call on,$*) $(AVS3D) train listener --data $(SHARDS) --cache $(LISTENER)/train-cache \
 	  --calibrate-on $(LISTENER)/tune -o $(@D) --seed $* --picture-steps $(PICTURE_STEPS) --steps $(STEPS) --manifest $(TRAIN) $(if $(WEIGHTS),--weights $(WEIGHTS)) \
 	  $(DRY:%=--dry %) $(if $(filter 0,$(GPUS)),--accelerator cpu) $(TRAIN_LISTENER_OPTIONS) && [ -f $@ ])
 endif

@@ -235,15 +235,13 @@ class Trainer:
         import torch
 
         from baselines.listener.augment import Bank
-        from baselines.listener.job import TrainingOptions, make_fabric
+        from baselines.listener.job import make_fabric
 
         torch.set_num_threads(1)
         torch.set_float32_matmul_precision("high")
         torch.backends.cudnn.benchmark = True
         self.plan = plan
-        options = TrainingOptions(plan.cache, plan.work, epochs=1, accelerator=plan.accelerator)
-        self.fabric = make_fabric(options, "bf16-mixed" if plan.accelerator == "cuda" else "32-true")
-        self.fabric.launch()
+        self.fabric = make_fabric(plan.accelerator, "bf16-mixed" if plan.accelerator == "cuda" else "32-true")
         store = _opened(plan.cache)
         self.store = part_of(store, thinned(store.table, plan.frames))
         self.bank = Bank(self.store, self.fabric.device)
@@ -560,19 +558,16 @@ def _begun(plan: Trainings, title: str, seed: int) -> bool:
     return (plan.beginning(title, seed) / "checkpoint.pt").exists()
 
 
-def collected(work: Path, seeds: int = 100) -> dict[str, Any]:
+def collected(work: Path) -> dict[str, Any]:
     """The figures of all arms: set → figure → mean and values of the seeds.
 
     ``change`` is that of strict IoU against the same seeds of the arm that `compared_with` names.
 
     Args:
         work: folder of trainings.
-        seeds: that may be there.
     """
     read = {
-        title: {
-            n: read_json(path) for n in range(seeds) if (path := work / RESULTS / f"{_name(title, n)}.json").exists()
-        }
+        title: {n: read_json(path) for n in range(100) if (path := work / RESULTS / f"{_name(title, n)}.json").exists()}
         for title in ARMS
     }
     arms: dict[str, Any] = {}

@@ -19,7 +19,6 @@ from avs3d_bench.cli import run
 from avs3d_bench.commands.outputs import OUTPUT_FOLDER, PATH
 from avs3d_bench.errors import UsageError
 from avs3d_bench.formats.files import read_json, write_json
-from avs3d_bench.runtime.freed_memory import keep_freed_memory
 
 
 @click.command()
@@ -33,23 +32,18 @@ def main(
     weights: Path, calibrate_on: Path, output: Path, accelerator: str, cache: Path | None, workers: int | None
 ) -> None:
     """Calibrate weights of the listener on homes for validation."""
-    from lightning_fabric import Fabric
-
-    from baselines.listener.augment import Bank
     from baselines.listener.calibration import calibrate
     from baselines.listener.card import CARD_JSON, write_card
+    from baselines.listener.job import make_fabric
     from baselines.listener.training import CALIBRATION, prepare
     from baselines.listener.weights import read_weights, save_weights
 
     if output.exists() and (not output.is_dir() or any(output.iterdir())):
         raise UsageError(f"{output}: not empty; expected a new or an empty folder")
-    if accelerator == "cpu":
-        keep_freed_memory()
-    fabric = Fabric(accelerator=accelerator, devices=1, precision="32-true")
-    fabric.launch()
+    fabric = make_fabric(accelerator, "32-true")
     loaded = read_weights(weights, device=fabric.device)
     store = prepare(calibrate_on, cache or output / CALIBRATION, fabric, workers=workers, progress=True)
-    chosen, figures = calibrate(loaded.network, store, Bank(store, fabric.device), fabric, every_home=True)
+    chosen, figures = calibrate(loaded.network, store, fabric, every_home=True)
     digest = save_weights(loaded.network, output / "listener.safetensors", chosen)
     beside = weights.parent / CARD_JSON
     card = read_json(beside) if beside.exists() else {}

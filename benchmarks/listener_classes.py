@@ -78,18 +78,14 @@ def figures(dataset: Dataset, method: Any, only: Iterable[str] = ()) -> dict[str
         method: of `baselines.listener.predict.load_method`.
         only: shell patterns of observation keys.
     """
-    import fnmatch
-
     import torch
     from scipy.special import expit
 
     from baselines.listener.calibration import OddsHistogram
 
     found, odds = ClassFigures(), OddsHistogram.empty("cpu")
-    patterns, frames = tuple(only), 0
-    for observation in dataset:
-        if patterns and not any(fnmatch.fnmatch(observation.key, pattern) for pattern in patterns):
-            continue
+    frames = 0
+    for observation in dataset.select(*only):
         for frame, answer in zip(observation.test, method.seen(observation.test), strict=True):
             truth = frame.mask()
             large = cv2.resize(answer.mask, truth.shape[::-1], interpolation=cv2.INTER_LINEAR)

@@ -16,6 +16,7 @@ from avs3d_bench.dataset import Dataset, Frame
 from avs3d_bench.formats.files import write_bytes
 from avs3d_bench.formats.media import read_png_mask, read_record
 from avs3d_bench.inspector.contact_sheet import overlay
+from evaluators.metrics.masks import frame_counts, iou
 
 #: Rows of the tables that are shown, if their submissions are there.
 SHOWN = ("2d", "spatial")
@@ -45,23 +46,18 @@ def chosen(scores: Scores) -> list[tuple[str, str, float]]:
     return [(kind, key, iou) for kind, iou, key in some]
 
 
-def frame_iou(truth: NDArray[np.bool_], found: NDArray[np.bool_]) -> float:
-    """IoU of two masks; 1 if both are empty."""
-    union = int((truth | found).sum())
-    return float((truth & found).sum()) / union if union else 1.0
-
-
 def typical_frame(frames: Sequence[Frame], masks: Path) -> tuple[Frame, float] | None:
     """The frame with the median IoU among those in which the truth is visible; None if there is none."""
     found = []
     for frame in frames:
         truth = frame.mask()
         if truth.any():
-            found.append((frame_iou(truth, read_png_mask(masks / f"{frame.name}.png")), frame.index, frame))
+            counts = frame_counts(truth, read_png_mask(masks / f"{frame.name}.png"))
+            found.append((iou(counts), frame.index, frame))
     if not found:
         return None
-    iou, _, frame = sorted(found, key=lambda each: each[:2])[(len(found) - 1) // 2]
-    return frame, iou
+    share, _, frame = sorted(found, key=lambda each: each[:2])[(len(found) - 1) // 2]
+    return frame, share
 
 
 def spectrograms(clip: NDArray[np.float32]) -> NDArray[np.uint8]:

@@ -259,10 +259,9 @@ def insert(path: Path, page: str, name: str, text: str) -> str:
 @click.argument("datasets", nargs=-1, metavar="[LABEL=]ROOT…")
 @click.option("--page", "target", type=click.Path(path_type=Path, dir_okay=False), required=True)
 @click.option("--work", type=click.Path(path_type=Path), help="Folder of the run, for the pictures.")
-@click.option("--images", type=click.Path(path_type=Path), help="Where the pictures go [images/ beside the page].")
-def main(output: Path, datasets: tuple[str, ...], target: Path, work: Path | None, images: Path | None) -> None:
-    """Write the tables of the scores in OUTPUT into a page, and draw what fails on the datasets."""
-    images = images or target.parent / "images"
+def main(output: Path, datasets: tuple[str, ...], target: Path, work: Path | None) -> None:
+    """Write the tables of the scores in OUTPUT into a page; pictures of what fails on the datasets go into images/."""
+    images = target.parent / "images"
     try:
         for label, root in labelled(datasets).items():
             if work is None:

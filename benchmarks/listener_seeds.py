@@ -219,12 +219,12 @@ def _heard_as(answer: str, sound: SoundControl) -> str:
     return ""
 
 
-def category_rows(found: Mapping[str, Any], data: str = "open-s34-o7") -> list[list[str]]:
-    """Rows of strict IoU by category, first seed: the answer, and a cell for each of `CATEGORIES`."""
+def category_rows(found: Mapping[str, Any]) -> list[list[str]]:
+    """Rows of strict IoU by category on `open-s34-o7`, first seed: the answer, and a cell for each of `CATEGORIES`."""
     return [
         [answer, *(share(found[name].get(each, {}).get("strict_IoU", {}).get("mean")) for each in CATEGORIES)]
         for row, answer in ANSWERS.items()
-        if (name := f"{data}-{row}") in found
+        if (name := f"open-s34-o7-{row}") in found
     ]
 
 

@@ -491,7 +491,7 @@ def main(
 
 
 if __name__ == "__main__":
-    # The module under its own name: worker processes find `_predict` there.
+    # The module under its own name: worker processes find `_write_siblings` there.
     from benchmarks.listener_tables import main as _main
 
     _main()

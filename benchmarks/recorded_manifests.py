@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Iterable
 from pathlib import Path
 
 import click
@@ -22,7 +22,7 @@ import yaml
 from avs3d_bench.contract.taxonomy import CATEGORIES
 from generators.assets.sounds import voices
 from generators.core.limits import SoundSplit
-from generators.library.lock import LOCK_NAME, AssetEntry, Lock, read_lock
+from generators.library.lock import LOCK_NAME, AssetEntry, read_lock
 from generators.library.store import Store
 
 #: The training manifest has thousands of lines.
@@ -45,21 +45,14 @@ _FETCH = """\
 _WORDS: dict[SoundSplit, str] = {"train": "training", "validation": "validation", "test": "tests"}
 
 
-def recorded(
-    text: str,
-    lock: Lock,
-    split: SoundSplit = "test",
-    version: str = VERSION,
-    usable: Callable[[AssetEntry], bool] = lambda _: True,
-) -> str:
+def recorded(text: str, assets: Iterable[AssetEntry], split: SoundSplit = "test", version: str = VERSION) -> str:
     """The recorded counterpart of a manifest.
 
     Args:
         text: the manifest.
-        lock: the lock file beside it.
+        assets: whose recordings of the split are taken.
         split: of the recordings and voices.
         version: of the counterpart.
-        usable: which recordings are taken.
 
     Raises:
         KeyError: if the manifest has no name or no observations.
@@ -67,8 +60,8 @@ def recorded(
     document = yaml.load(text, Loader=_LOADER)
     heard = _heard(document)
     sounds: dict[str, list[dict[str, str]]] = {}
-    for entry in lock.assets:
-        if entry.kind == "sound" and entry.split == split and entry.category in heard and usable(entry):
+    for entry in assets:
+        if entry.kind == "sound" and entry.split == split and entry.category in heard:
             sounds.setdefault(entry.category, []).append({"asset": entry.id})
     played = {name: [voice.name for voice in voices(name) if voice.split == split] for name in CATEGORIES}
     spoken = (played | document.get("voices", {})).items()
@@ -104,10 +97,9 @@ def write_training(folder: Path) -> Path:
     """Write the training manifest with the recordings of the store into a folder, and the lock file beside it."""
     folder.mkdir(parents=True, exist_ok=True)
     lock = read_lock(MANIFESTS / LOCK_NAME)
-    store = Store.default()
     text = (MANIFESTS / "train.yaml").read_text(encoding="utf-8")
     (version,) = re.findall(r"(?m)^version: (.*)$", text)
-    made = recorded(text, lock, "train", version, lambda entry: not store.problem(entry))
+    made = recorded(text, Store.default().recordings(lock, "train"), "train", version)
     shutil.copyfile(MANIFESTS / LOCK_NAME, folder / LOCK_NAME)
     target = folder / "train-recorded.yaml"
     target.write_text(made, encoding="utf-8")
@@ -124,10 +116,10 @@ def main(train: Path | None) -> None:
         target = write_training(train)
         click.echo(f"{target}: {target.read_text(encoding='utf-8').count('{asset: ')} recordings")
         return
-    lock = read_lock(MANIFESTS / LOCK_NAME)
+    assets = read_lock(MANIFESTS / LOCK_NAME).assets
     for name in SOURCES:
         target = MANIFESTS / f"{name}-recorded.yaml"
-        target.write_text(recorded((MANIFESTS / f"{name}.yaml").read_text(encoding="utf-8"), lock), encoding="utf-8")
+        target.write_text(recorded((MANIFESTS / f"{name}.yaml").read_text(encoding="utf-8"), assets), encoding="utf-8")
         click.echo(f"scenes_manifest/{target.name}")
 
 

@@ -38,7 +38,6 @@ class Training:
         dropout: share of the last layer's inputs.
         decay: weight decay.
         shift: standard deviation of a shift of all bands (bands of .13 octave): devices of another speed or size.
-        tempo: standard deviation of the logarithm of a change of tempo.
         response_db: standard deviation of the response at nine knots over the bands.
         tilt_db: standard deviation of a tilt from the lowest to the highest band.
         ends: share of the clips whose spectrum ends at a random band above ``end_hz``.
@@ -46,13 +45,8 @@ class Training:
         begins: share of the clips whose spectrum begins at a random band below 300 Hz.
         floors: share of the clips with a floor of noise, sloped by −9 to 3 dB per octave.
         floor_db: levels of the floor re the clip, lowest and highest.
-        gates: share of the clips of which frames 10 to 40 dB below the loudest are hidden, as noise gates do.
-        mixed: share of the clips beneath which another training clip sounds, 10 to 30 dB weaker.
         hidden_time: share of the frames that is hidden.
-        hidden_bands: two stretches of up to so many bands are hidden.
         depth_db: what lies further below the loudest band of a clip is not seen.
-        shows: pictures of a clip. ``level`` re the loudest band; ``contrast``, a band re the mean of seven neighbours
-            on either side, where no response is left; ``swing``, a band re its mean in time, where nothing steady is.
         asked_hz: of clips that are asked about, what lies above is hidden, as it is of the training clips that end.
     """
 
@@ -61,7 +55,6 @@ class Training:
     dropout: float = 0.4
     decay: float = 2e-2
     shift: float = 1.5
-    tempo: float = 0.0
     response_db: float = 7.5
     tilt_db: float = 0.0
     ends: float = 0.5
@@ -69,12 +62,8 @@ class Training:
     begins: float = 0.0
     floors: float = 0.6
     floor_db: tuple[float, float] = (-50.0, -15.0)
-    gates: float = 0.0
-    mixed: float = 0.0
     hidden_time: float = 0.15
-    hidden_bands: float = 0.0
     depth_db: float = 60.0
-    shows: tuple[str, ...] = ("level",)
     asked_hz: float = 6000.0
 
 
@@ -143,12 +132,7 @@ class Network:
 
         wide = self._training.width
         layers: list[Any] = []
-        for before, after in (
-            (len(self._training.shows), wide),
-            (wide, 2 * wide),
-            (2 * wide, 4 * wide),
-            (4 * wide, 4 * wide),
-        ):
+        for before, after in ((1, wide), (wide, 2 * wide), (2 * wide, 4 * wide), (4 * wide, 4 * wide)):
             layers += [nn.Conv2d(before, after, 3, padding=1), nn.BatchNorm2d(after), nn.ReLU(), nn.MaxPool2d(2)]
         layers += [nn.AdaptiveAvgPool2d(1), nn.Flatten(), nn.Dropout(self._training.dropout)]
         return nn.Sequential(*layers, nn.Linear(4 * wide, len(CATEGORIES))).to(self._device)
@@ -202,12 +186,7 @@ def changed(batch: Any, noise: Any, training: Training) -> Any:
     band = torch.arange(bands, device=batch.device).view(1, 1, -1, 1)
     time = torch.arange(frames, device=batch.device).view(1, 1, 1, -1)
     if training.shift:
-        batch = _between(batch, band + training.shift * normal(), 2)
-    if training.tempo:
-        batch = _between(batch, (time + uniform(0.0, frames)) * (training.tempo * normal()).exp(), 3)
-    if training.mixed:
-        other = batch[torch.randperm(n, device=batch.device)] - uniform(1.0, 3.0)
-        batch = torch.where(uniform() < training.mixed, _sum(batch, other), batch)
+        batch = _between(batch, band + training.shift * normal())
     knots = training.response_db / 10 * torch.randn(n, 1, _KNOTS, 1, device=batch.device)
     response = torch.nn.functional.interpolate(knots, (bands, 1), mode="bilinear", align_corners=True)
     batch = batch + response + training.tilt_db / 10 * normal() * (band / (bands - 1) - 0.5)
@@ -223,14 +202,6 @@ def changed(batch: Any, noise: Any, training: Training) -> Any:
     hidden = (band > last) | (band < first)
     start = uniform(0.0, frames)
     hidden = hidden | ((time >= start) & (time < start + training.hidden_time * frames))
-    if training.gates:
-        course = (batch * np.log(10)).logsumexp(dim=2, keepdim=True) / np.log(10)
-        closed = course < course.amax(dim=3, keepdim=True) - uniform(1.0, 4.0)
-        hidden = hidden | (closed & (uniform() < training.gates))
-    for _ in range(2 if training.hidden_bands else 0):
-        wide = uniform(0.0, training.hidden_bands)
-        start = uniform() * (bands - wide)
-        hidden = hidden | ((band >= start) & (band < start + wide))
     return torch.where(hidden, _HIDDEN, batch)
 
 
@@ -245,33 +216,23 @@ def _level(batch: Any) -> Any:
     return (batch * np.log(10)).logsumexp(dim=(2, 3), keepdim=True) / np.log(10)
 
 
-def _between(batch: Any, places: Any, dim: int) -> Any:
-    """Spectrograms at fractions of bands (``dim`` 2) or of frames (3), linear between; reflected at the ends."""
+def _between(batch: Any, places: Any) -> Any:
+    """Spectrograms at fractions of bands, linear between; reflected at the ends."""
     import torch
 
-    count = batch.shape[dim]
+    count = batch.shape[2]
     places = (count - 1) - (torch.remainder(places, 2 * (count - 1)) - (count - 1)).abs()
     low = places.floor().long().clamp(max=count - 2)
     part = places - low
-    shape = list(batch.shape)
-    shape[dim] = -1
-    index = low.expand(*shape)
-    return (1 - part) * batch.gather(dim, index) + part * batch.gather(dim, index + 1)
+    index = low.expand(*batch.shape[:2], -1, batch.shape[3])
+    return (1 - part) * batch.gather(2, index) + part * batch.gather(2, index + 1)
 
 
 def seen(batch: Any, training: Training) -> Any:
-    """What a network sees of spectrograms (n, 1, MELS, frames): (n, pictures, bands, frames).
-
-    A unit is 20 dB of ``level``, 10 dB of the others.
-    """
+    """What a network sees of spectrograms (n, 1, MELS, frames): the level re the loudest band, a unit is 20 dB."""
     import torch
 
     power = (batch * np.log(10)).exp().mean(dim=3, keepdim=True).amax(dim=2, keepdim=True)
     depth = training.depth_db / 10
     level = (batch - torch.log10(power + 1e-10)).clamp(min=-depth)
-    pictures = {
-        "level": lambda: level / 2 + depth / 4,
-        "contrast": lambda: level - torch.nn.functional.avg_pool2d(level, (15, 1), 1, (7, 0), count_include_pad=False),
-        "swing": lambda: level - level.mean(dim=3, keepdim=True),
-    }
-    return torch.cat([pictures[name]() for name in training.shows], dim=1)
+    return level / 2 + depth / 4

@@ -29,7 +29,6 @@ from scipy.special import expit
 from torch import Tensor
 from torch.nn.functional import avg_pool2d, binary_cross_entropy_with_logits
 
-from avs3d_bench.contract.taxonomy import CATEGORIES
 from avs3d_bench.runtime.parallel import available_cores
 from baselines.listener.augment import Bank, unpack
 from baselines.listener.masks import highest, log_odds, marked
@@ -126,14 +125,13 @@ class LookedAt:
 
 
 def calibrate(
-    network: Any, store: ShardStore, bank: Bank, fabric: Any, *, every_home: bool = False
+    network: Any, store: ShardStore, fabric: Any, *, every_home: bool = False
 ) -> tuple[Calibration, dict[str, Any]]:
     """Temperatures and the rule, and the figures that they were chosen by.
 
     Args:
         network: the (averaged) `Listener`.
         store: what is stored.
-        bank: the same on the device.
         fabric: a launched `lightning.fabric.Fabric`.
         every_home: of the store; else those that training keeps for validation.
     """
@@ -149,7 +147,7 @@ def calibrate(
     by_rule = rule_figures(method, store, seen, mean_of_looks(seen.masks, warm, bias).cpu().numpy())
     network.train(training)
     threshold, share = best_rule(by_rule)
-    by_class = validate(network, store, bank, fabric, CHOICES, spread(views))
+    by_class = validate(network, store, Bank(store, fabric.device), fabric, CHOICES, spread(views))
     category = _best([row["category_iou"] for row in by_class], Calibration().category)
     calibration = Calibration(warm, named, threshold, category, share, bias, method.finest)
     figures = {
@@ -190,9 +188,8 @@ def look_at(method: ListenerMethod, store: ShardStore, sounds: NDArray[np.int64]
             masks.append(np.stack([resize(answer.mask, cells, interpolation=INTER_LINEAR) for answer in each]))
             names.append(log_odds(np.stack([[*answer.audible, answer.unknown] for answer in each])))
     truth = unpack(torch.from_numpy(store.masks[sounds]))
-    audible = [[*(name in table.audible[sound] for name in CATEGORIES), table.others[sound]] for sound in sounds]
     weights = equal_weights(store.marked[sounds] > 0, [table.keys[sound] for sound in sounds])
-    arrays = (weights, np.stack(masks), avg_pool2d(truth.float(), 2), np.stack(names), np.asarray(audible))
+    arrays = (weights, np.stack(masks), avg_pool2d(truth.float(), 2), np.stack(names), table.heard(sounds))
     return LookedAt(sounds, *(torch.as_tensor(each, dtype=torch.float32, device=method.device) for each in arrays))
 
 

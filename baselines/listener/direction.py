@@ -48,8 +48,6 @@ STEADY = 0.02
 #: Channels of the map: phase groups and their mean, vote groups, their mean and that relative to its spread over the
 #: angles, level groups.
 CHANNELS = len(PHASE_GROUPS) + len(VOTE_GROUPS) + 1 + len(LEVEL_GROUPS) - 1
-#: Channel of the map with the mean of the votes.
-VOTES = len(PHASE_GROUPS) + len(VOTE_GROUPS) - 1
 #: Coefficients of the Fourier series of a vote; what is left out is below 1e-5.
 _HARMONICS = [(1 if n == 0 else 2) * float(ive(n, CONCENTRATION)) for n in range(13)]
 #: Least incidence of Brown & Duda's α, and the angle at which it is reached.

@@ -55,14 +55,17 @@ def spectra(sound: Tensor) -> Spectra:
     Args:
         sound: (B, 2, n) float, channel 0 left.
     """
-    count, ears, length = sound.shape
-    window = torch.hann_window(WINDOW, device=sound.device)
-    found = torch.stft(
-        sound.float().reshape(count * ears, length), WINDOW, HOP, window=window, center=True, pad_mode="constant",
-        return_complex=True,
-    )  # fmt: skip
-    found = (found * (2 / window.sum())).reshape(count, ears, *found.shape[-2:])
+    found = stft(sound.float())
+    found = found * (2 / torch.hann_window(WINDOW, device=sound.device).sum())
     return Spectra(found[:, 0], found[:, 1])
+
+
+def stft(sounds: Tensor) -> Tensor:
+    """(B, ears, F, T) complex64, the short-time Fourier transform of (B, ears, n) float32."""
+    window = torch.hann_window(WINDOW, device=sounds.device)
+    found = torch.stft(sounds.flatten(0, 1), WINDOW, HOP, window=window, center=True, pad_mode="constant",
+                       return_complex=True)  # fmt: skip
+    return found.view(*sounds.shape[:2], *found.shape[1:])
 
 
 def frequencies(device: torch.device | None = None) -> Tensor:

@@ -15,7 +15,6 @@ import torch
 
 from avs3d_bench.errors import UsageError
 from avs3d_bench.runtime.freed_memory import keep_freed_memory
-from baselines.listener.augment import Bank
 from baselines.listener.batches import SOUNDS, Sampler
 from baselines.listener.calibration import calibrate
 from baselines.listener.card import RunMachine, data_before, write_result
@@ -23,10 +22,9 @@ from baselines.listener.checkpoint import Settings
 from baselines.listener.dry import read_dry
 from baselines.listener.lite import installed_weights
 from baselines.listener.model import SIZES
-from baselines.listener.shards import ShardStore
-from baselines.listener.steps import Result, Schedule
+from baselines.listener.steps import Schedule
 from baselines.listener.training import CACHE, CALIBRATION, prepare, train
-from baselines.listener.weights import Calibration, read_weights
+from baselines.listener.weights import read_weights
 
 
 @dataclass(frozen=True)
@@ -59,25 +57,31 @@ class TrainingOptions:
     dry: Path | None = None
 
 
-def make_fabric(job: TrainingOptions, precision: str) -> Any:
-    """A Lightning Fabric, from either of its packages.
+def make_fabric(accelerator: str, precision: str, devices: int = 1) -> Any:
+    """A launched Lightning Fabric, from either of its packages.
+
+    Args:
+        accelerator: cpu, cuda, or auto: a GPU where there is one.
+        precision: as Fabric names it.
+        devices: number of GPUs, or of processes.
 
     Raises:
         UsageError: if there are fewer devices than asked for.
     """
-    name = job.accelerator
-    if name == "auto":
-        name = "cuda" if torch.cuda.is_available() else "cpu"
-    if name == "cuda" and torch.cuda.device_count() < job.devices:
-        raise UsageError(f"--devices {job.devices}: found {torch.cuda.device_count()} CUDA devices; ask for fewer")
-    if name == "cpu":
+    if accelerator == "auto":
+        accelerator = "cuda" if torch.cuda.is_available() else "cpu"
+    if accelerator == "cuda" and torch.cuda.device_count() < devices:
+        raise UsageError(f"--devices {devices}: found {torch.cuda.device_count()} CUDA devices; ask for fewer")
+    if accelerator == "cpu":
         keep_freed_memory()
     try:
         module: Any = import_module("lightning_fabric")
     except ImportError:
         module = import_module("lightning.fabric")
-    strategy = "ddp" if job.devices > 1 else "auto"
-    return module.Fabric(accelerator=name, devices=job.devices, precision=precision, strategy=strategy)
+    strategy = "ddp" if devices > 1 else "auto"
+    fabric = module.Fabric(accelerator=accelerator, devices=devices, precision=precision, strategy=strategy)
+    fabric.launch()
+    return fabric
 
 
 @contextmanager
@@ -95,12 +99,6 @@ def flushed() -> Iterator[None]:
         torch.set_flush_denormal(before)
 
 
-def calibration_of(result: Result, store: ShardStore | None, fabric: Any) -> tuple[Calibration, dict[str, Any]]:
-    """Of a finished run: on all homes of ``store``, else on the run's validation homes; see `calibrate`."""
-    used = store or result.store
-    return calibrate(result.network, used, Bank(used, fabric.device), fabric, every_home=store is not None)
-
-
 def run_job(job: TrainingOptions, precision: str, *, progress: bool = False) -> tuple[bool | None, int, int]:
     """Train; (finished, steps that are done, all steps). ``finished`` is None on all devices but the first.
 
@@ -111,8 +109,7 @@ def run_job(job: TrainingOptions, precision: str, *, progress: bool = False) -> 
     began = time.monotonic()
     torch.set_float32_matmul_precision("high")
     torch.backends.cudnn.benchmark = True
-    fabric = make_fabric(job, precision)
-    fabric.launch()
+    fabric = make_fabric(job.accelerator, precision, job.devices)
     begun = read_weights(job.weights) if job.weights else None
     before = data_before(job.weights, begun.digest) if job.weights and begun else []
     dry = read_dry(job.dry) if job.dry else None
@@ -142,7 +139,9 @@ def run_job(job: TrainingOptions, precision: str, *, progress: bool = False) -> 
     with flushed():
         begin = begun.network if begun else None
         result = train(store, job.folder, settings, fabric=fabric, schedule=schedule, begin=begin)
-        found = calibration_of(result, tuning, fabric) if result.finished else None
+        found = None
+        if result.finished:
+            found = calibrate(result.network, tuning or store, fabric, every_home=tuning is not None)
     if fabric.global_rank:
         return None, result.step, settings.steps
     if found is not None:

@@ -14,7 +14,7 @@ import io
 import json
 import math
 import tarfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -126,6 +126,11 @@ class ShardTable:
     homes: list[str]
     cameras: list[list[float]]
     present: list[list[str]]
+
+    def heard(self, sounds: Iterable[int]) -> NDArray[np.bool_]:
+        """(n, categories + 1) which categories are heard in sounds, and last whether one of no class is."""
+        rows = [[*(name in self.audible[sound] for name in CATEGORIES), self.others[sound]] for sound in sounds]
+        return np.asarray(rows, np.bool_).reshape(-1, len(CATEGORIES) + 1)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from avs3d_bench.contract.layout import SAMPLE_RATE
-from baselines.listener.features import HIGHEST, LOWEST, WINDOW
+from baselines.listener.features import HIGHEST, LOWEST, WINDOW, stft
 
 #: Names of the changes; see the functions.
 SOUND_CHANGES = ("gain", "noise", "eq", "ears", "timing", "band", "decay")
@@ -215,7 +215,7 @@ def drier(sounds: Tensor, generator: torch.Generator) -> Tensor:
     if not count:
         return sounds
     rows = torch.randperm(len(sounds), generator=generator, device=sounds.device)[:count]
-    spectrum = _stft(sounds[rows])
+    spectrum = stft(sounds[rows])
     power = spectrum.abs().square().mean(dim=1).clamp(min=1e-12)
     hop = WINDOW // 2 / SAMPLE_RATE
     length = max(1, round(3 * _PAST_S / hop))
@@ -240,7 +240,7 @@ def disguised(sounds: Tensor, others: Tensor) -> Tensor:
         sounds: (B, 2, n).
         others: (B, 2, n), whose bands are taken.
     """
-    mine, theirs = _stft(sounds), _stft(others)
+    mine, theirs = stft(sounds), stft(others)
     edges = np.unique(np.geomspace(2, WINDOW // 2 + 1, DISGUISE_BANDS + 1).round())
     of_bin = np.searchsorted(edges[1:], np.arange(WINDOW // 2 + 1), side="right").clip(max=len(edges) - 2)
     number = torch.from_numpy(of_bin).to(sounds.device)
@@ -254,14 +254,6 @@ def disguised(sounds: Tensor, others: Tensor) -> Tensor:
     gain = 10 ** (gain[:, number] / 20)
     out = _istft(mine * gain[:, None], sounds.shape)
     return out * (level(sounds) / level(out))[:, None, None]
-
-
-def _stft(sounds: Tensor) -> Tensor:
-    """(B, ears, F, T) of (B, ears, n)."""
-    window = torch.hann_window(WINDOW, device=sounds.device)
-    found = torch.stft(sounds.flatten(0, 1), WINDOW, WINDOW // 2, window=window, center=True, pad_mode="constant",
-                       return_complex=True)  # fmt: skip
-    return found.view(*sounds.shape[:2], *found.shape[1:])
 
 
 def _istft(spectrum: Tensor, shape: torch.Size) -> Tensor:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import torch
 
-from avs3d_bench.contract.taxonomy import CATEGORIES
 from baselines.listener.augment import Bank, Batch
 from baselines.listener.batches import BatchPlan, SoundKind, split_homes
 from baselines.listener.losses import SUMS, figures, measure
@@ -43,11 +42,10 @@ def own_plan(table: ShardTable, views: Sequence[int], sounds: Sequence[int]) -> 
     column = np.asarray(sounds, np.int64)[:, None]
     none = np.full_like(column, -1)
     pair, no_dubs = np.concatenate([column, none], axis=1), np.concatenate([none, none], axis=1)
-    audible = np.asarray(
-        [[*(name in table.audible[sound] for name in CATEGORIES), table.others[sound]] for sound in sounds], np.bool_
-    )
     own = np.full(len(sounds), SoundKind.OWN, np.int64)
-    return BatchPlan(np.asarray(views, np.int64), pair, no_dubs, np.zeros(pair.shape, np.bool_), pair, audible, own)
+    return BatchPlan(
+        np.asarray(views, np.int64), pair, no_dubs, np.zeros(pair.shape, np.bool_), pair, table.heard(sounds), own
+    )
 
 
 @contextmanager

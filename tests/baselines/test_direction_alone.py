@@ -61,6 +61,10 @@ def clip(view: RegisteredView, source: tuple[float, float, float]) -> NDArray[np
     return 0.1 * np.stack([np.fft.irfft(np.fft.rfft(noise) * turn, 44_100), noise]).astype(np.float32)
 
 
+MODEL = ListenerMethod(None, torch.device("cpu"), "0" * 64, refine="none")
+FRAME: Any = SimpleNamespace(rgb=lambda: np.zeros((126, 126, 3), np.uint8))
+
+
 @pytest.fixture(scope="module")
 def found() -> tuple[list[RegisteredView], Any]:
     views = walk()
@@ -88,14 +92,12 @@ def test_the_walk_tells_which_candidate_sounds_whatever_it_is_called(found: Any,
 
 def test_a_frame_keeps_the_component_that_the_chosen_voxels_are_seen_in(found: Any) -> None:
     views, (points, *_) = found
-    model = ListenerMethod(None, torch.device("cpu"), "0" * 64, refine="none")
     left = points[points[:, 0] < -0.6]
-    frame: Any = SimpleNamespace(rgb=lambda: np.zeros((126, 126, 3), np.uint8))
     view = views[4]
-    mask = direction_alone.DirectionMethod(model)._of_points(frame, seen(view), left, CLOCK, view)
+    mask = direction_alone.DirectionMethod(MODEL)._of_points(FRAME, seen(view), left, CLOCK, view)
     assert mask[:, :63].any()
     assert not mask[:, 63:].any()
-    nothing = direction_alone.DirectionMethod(model)._of_points(frame, seen(view), left, TELEPHONE, view)
+    nothing = direction_alone.DirectionMethod(MODEL)._of_points(FRAME, seen(view), left, TELEPHONE, view)
     assert not nothing.any()
 
 
@@ -173,8 +175,7 @@ def marked(monkeypatch: pytest.MonkeyPatch, sounding: int | None) -> list[NDArra
     monkeypatch.setattr(direction_alone.views, "input_views", lambda views: views)
     monkeypatch.setattr(ListenerMethod, "class_maps", lambda _, frames: [seen(by_name[each.name]) for each in frames])
     monkeypatch.setattr(direction_alone.DirectionMethod, "_clips", lambda *_: np.stack(clips))
-    network = ListenerMethod(None, torch.device("cpu"), "0" * 64, refine="none")
-    monkeypatch.setattr(direction_alone.DirectionMarker, "method", lambda *_: network)
+    monkeypatch.setattr(direction_alone.DirectionMarker, "method", lambda *_: MODEL)
     marker = direction_alone.DirectionMarker(None, "0" * 64, "direction")
     return list(marker.mark([view.frame for view in trained], torch.device("cpu")))
 
@@ -198,12 +199,10 @@ def test_train_frames_of_a_silent_walk_have_no_mark(monkeypatch: pytest.MonkeyPa
 
 def test_where_the_network_misses_the_chosen_object_its_silhouette_lowers_the_threshold(found: Any) -> None:
     views, (points, *_) = found
-    model = ListenerMethod(None, torch.device("cpu"), "0" * 64, refine="none")
-    frame: Any = SimpleNamespace(rgb=lambda: np.zeros((126, 126, 3), np.uint8))
     classes, left, view = seen(views[4]), points[points[:, 0] < -0.6], views[4]
-    sure = direction_alone.DirectionMethod(model)._of_points(frame, classes, left, CLOCK, view)
+    sure = direction_alone.DirectionMethod(MODEL)._of_points(FRAME, classes, left, CLOCK, view)
     classes[1:] *= 0.3  # below `OBJECT`: neither clock is a component
-    unsure = direction_alone.DirectionMethod(model)._of_points(frame, classes, left, CLOCK, view)
+    unsure = direction_alone.DirectionMethod(MODEL)._of_points(FRAME, classes, left, CLOCK, view)
     assert (sure & unsure).sum() / (sure | unsure).sum() > 0.6
     assert not unsure[:, 63:].any()
 
@@ -213,12 +212,10 @@ def test_in_part_3_objects_that_a_picture_shows_as_one_are_cut_where_the_core_en
     found: Any, nearer: int, kept: tuple[bool, bool]
 ) -> None:
     views, (points, *_) = found
-    model = ListenerMethod(None, torch.device("cpu"), "0" * 64, refine="none")
-    frame: Any = SimpleNamespace(rgb=lambda: np.zeros((126, 126, 3), np.uint8))
     classes, view = seen(views[4]), views[4]
     classes[1 + CLOCK, 28:36, 10:53] = 0.9  # a bar from one clock to the other
     core = points[points[:, 0] * (nearer - 1) > 0.6]
-    mask = direction_alone.DirectionMethod(model)._of_core(frame, classes[1 + CLOCK], core, view)
+    mask = direction_alone.DirectionMethod(MODEL)._of_core(FRAME, classes[1 + CLOCK], core, view)
     assert (bool(mask[:, :50].any()), bool(mask[:, 76:].any())) == kept
 
 

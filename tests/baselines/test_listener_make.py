@@ -37,11 +37,13 @@ def commands(folder: Path, *variables: str) -> list[list[str]]:
 def command_of(arguments: list[str]) -> tuple[click.Command, list[str]]:
     """The click command that arguments name, and what it gets."""
     if arguments[0].endswith("avs3d"):
+        from baselines.listener.cli import train
         from generators.cli import generate
 
-        assert arguments[1] == "generate"
-        return generate, arguments[2:]
-    from baselines.listener.cli import listener
+        if arguments[1] == "generate":
+            return generate, arguments[2:]
+        assert arguments[1] == "train"
+        return train.commands[arguments[2]], arguments[3:]  # type: ignore[attr-defined]
     from benchmarks import (
         listener_ablation,
         listener_best,
@@ -55,7 +57,6 @@ def command_of(arguments: list[str]) -> tuple[click.Command, list[str]]:
     )
 
     modules = {
-        "listener_training": listener,
         "listener_ablation": listener_ablation.main.commands.get(arguments[3]),  # type: ignore[attr-defined]
         "listener_best": listener_best.main,
         "listener_calibration": listener_calibration.main,
@@ -86,7 +87,7 @@ def counted(found: list[list[str]]) -> Counter[str]:
 def test_every_step_is_a_command_with_options_that_exist(tmp_path: Path, gpus: int) -> None:
     (tmp_path / "run").mkdir()
     found = commands(tmp_path, "TESTS=demo listen+soundspaces demo-heads", "TESTS_3D=demo", f"GPUS={gpus}", "SEEDS=0 1")
-    trained = {"listener_training": 2, "listener_ablation": 3 if gpus else 2}
+    trained = {"listener": 2, "listener_ablation": 3 if gpus else 2}
     # 6 rows of seeds, controls of the best one, and EchoSegnet of both.
     scored = {"listener_tables": 9, "listener_classes": 6, "listener_best": 2, "listener_seeds": 2, "listener_page": 1}
     made = {"recorded_manifests": 1, "listener_dry": 1, "tracer": 3 + 2 + 2, "analytic": 1, "soundspaces": 1}

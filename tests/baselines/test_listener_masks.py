@@ -224,16 +224,6 @@ def test_options_of_the_listener_need_its_masks(data: Path, tmp_path: Path, opti
         CliRunner().invoke(baseline, [*arguments, "--device", "cpu"], catch_exceptions=False)
 
 
-def test_missing_weights_are_one_line(data: Path, tmp_path: Path) -> None:
-    arguments = ["echosegnet", "--dataset", str(data), "-o", str(tmp_path / "out"), "--masks", "listener",
-                 "--listener-weights", "none", "--device", "cpu"]  # fmt: skip
-    with pytest.raises(Avs3dError, match=r"none: no such file"):
-        CliRunner().invoke(baseline, arguments, catch_exceptions=False)
-
-
-# The pipeline
-
-
 @dataclass(frozen=True)
 class TrueMarker:
     """A perfect network: the oracle's masks of the category; or one that recognises it in every third frame only."""

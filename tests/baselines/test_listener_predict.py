@@ -121,12 +121,6 @@ def test_a_frame_is_marked_down_to_a_share_of_its_peak() -> None:
     assert masks.marked(drawn(rim, core, (*other, 0.58)), 0.5, 0.5).sum() == 800
 
 
-def test_a_frame_whose_peak_is_below_the_threshold_is_not_marked() -> None:
-    box = slice(10, 20), slice(10, 20)
-    assert masks.marked(drawn((*box, 0.6)), 0.5, 0.5).any()
-    assert not masks.marked(drawn((*box, 0.4)), 0.5, 0.5).any()
-
-
 def test_one_pixel_is_no_peak() -> None:
     pixel, box = (slice(50, 51), slice(50, 51), 0.99), (slice(10, 20), slice(10, 20), 0.4)
     assert not masks.marked(drawn(pixel, box), 0.5, 0.5).any()
@@ -349,19 +343,3 @@ def test_a_frame_without_sound_is_one_line(saved: Path, tmp_path: Path) -> None:
     with pytest.raises(Avs3dError, match=r"audio_clips_binaural") as caught:
         model.predictions(Dataset(root)[observation.key].test)
     assert "\n" not in str(caught.value)
-
-
-def test_other_weights_are_refused_on_the_command_line(scenes: Path, tmp_path: Path) -> None:
-    arguments = [
-        "listener",
-        "--dataset",
-        str(scenes),
-        "-o",
-        str(tmp_path / "out"),
-        "--weights",
-        "none",
-        "--device",
-        "cpu",
-    ]
-    with pytest.raises(Avs3dError, match=r"none: no such file"):
-        CliRunner().invoke(baseline, arguments, catch_exceptions=False)
