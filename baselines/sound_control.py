@@ -100,10 +100,19 @@ def other_frame(frame: Frame, *, same_category: bool) -> Frame:
     Raises:
         UsageError: if the dataset has no such observation.
     """
-    mine, dataset = frame.observation, _dataset(frame.observation.root)
-    start, sounding = dataset.keys.index(mine.key), sounding_categories(mine)
-    if same_category and not sounding and mine.record is not None:
+    mine = frame.observation
+    if same_category and mine.record is not None and not sounding_categories(mine):
         return frame
+    chosen = _other_observation(mine.root, mine.key, same_category)
+    return chosen.frames[min(frame.index, len(chosen) - 1)]
+
+
+@lru_cache(maxsize=8)  # a walk asks for each of its frames
+def _other_observation(root: Path, key: str, same_category: bool) -> Observation:
+    """The observation of `other_frame`."""
+    dataset = _dataset(root)
+    mine, start = dataset[key], dataset.keys.index(key)
+    sounding = sounding_categories(mine)
     best: tuple[int, int] | None = None
     chosen: Observation | None = None
     for step in range(1, len(dataset)):
@@ -121,10 +130,10 @@ def other_frame(frame: Frame, *, same_category: bool) -> Frame:
             if not same_category or rest == 0:
                 break
     if chosen is not None:
-        return chosen.frames[min(frame.index, len(chosen) - 1)]
+        return chosen
     wanted = "the same category in another home" if same_category else "another category"
     name = "same-category" if same_category else "other-category"
-    raise UsageError(f"{dataset.root}: no observation of {wanted} for {mine.key}; --sound {name} needs one")
+    raise UsageError(f"{root}: no observation of {wanted} for {key}; --sound {name} needs one")
 
 
 def sounding_categories(observation: Observation) -> frozenset[str]:
