@@ -42,7 +42,7 @@ from avs3d_bench.submission import SubmissionFolder, SubmissionWriter
 from baselines import sound_control
 from baselines.direction_alone import DirectionMethod, load_direction_marker
 from baselines.listener.marks import MARKING_LOOKS
-from baselines.listener.predict import ListenerMethod
+from baselines.listener.predict import ListenerMethod, Look
 from baselines.sound_control import SoundControl
 
 if TYPE_CHECKING:
@@ -204,9 +204,18 @@ class SharedLooks(ListenerMethod):
 
     Attributes:
         kept: name of a frame → classes of its pixels.
+        before: look and pictures → what the network takes from them (`Seen`).
     """
 
     kept: dict[str, NDArray[np.float32]] = field(default_factory=dict)
+    before: dict[Any, Any] = field(default_factory=dict)
+
+    def encoded(self, look: Look, pictures: Sequence[NDArray[np.uint8]]) -> Any:
+        """See `ListenerMethod.encoded`."""
+        key = look, *(picture.tobytes() for picture in pictures)
+        if key not in self.before:
+            self.before[key] = self.network.see(self._shown(look, pictures))
+        return self.before[key]
 
     def class_maps(self, frames: Sequence[Frame]) -> list[NDArray[np.float32]]:
         """See `ListenerMethod.class_maps`."""
@@ -230,12 +239,13 @@ def _write_siblings(root: Path, folders: dict[Row, SubmissionFolder], plan: Plan
     """Write the masks of several rows for observations with the same pictures, in a worker process on one device."""
     found = _network(plan.weights, plan.devices[os.getpid() % len(plan.devices)], plan.refine, plan.looks)
     kept: dict[str, NDArray[np.float32]] = {}
+    before: dict[Any, Any] = {}
     places: dict[str, Any] = {}
     for key in keys:
         frames = Observation(root, key).test
         # One sound after another: what is found by place is kept for the last one.
         for row in sorted(folders, key=lambda row: row.sound):
-            network = SharedLooks(**{**vars(found), "hearing": row.sound}, kept=kept)
+            network = SharedLooks(**{**vars(found), "hearing": row.sound}, kept=kept, before=before)
             method = network if row.answer == "sounding" else DirectionMethod(network, row.answer, places)
             for frame, one in zip(frames, method.predictions(frames), strict=True):
                 folders[row].write_mask(frame, one.mask, one.categories)

@@ -273,6 +273,20 @@ class SoundingDecoder(nn.Module):
         return fine[:, 0] + fine[:, 1] * odds
 
 
+class Seen(NamedTuple):
+    """What the network takes from B pictures.
+
+    Attributes:
+        size: (height, width) of the pictures.
+        encoded: strides 2 to 32, of the padded pictures.
+        classes: (B, CLASSES, h, w) logits at stride 2.
+    """
+
+    size: tuple[int, int]
+    encoded: list[Tensor]
+    classes: Tensor
+
+
 class Listener(nn.Module):
     """The whole network.
 
@@ -304,20 +318,24 @@ class Listener(nn.Module):
         """The values of `Widths` as JSON types."""
         return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self.widths).items()}
 
-    def forward(self, picture: Tensor, sound: SoundFeatures | None = None) -> ListenerOutput:
-        """The answers for B pictures with K sounds each.
-
-        Args:
-            picture: (B, 3, H, W) float, 0 to 1; padded to a multiple of `MULTIPLE` here.
-            sound: of `hear`, of B·K sounds: the K of the first picture, then those of the second, …; None: the classes
-                of pixels alone are answered.
-        """
+    def see(self, picture: Tensor) -> Seen:
+        """What the network takes from B pictures, whatever is heard; arguments as of `forward`."""
         height, width = picture.shape[-2:]
         mean, deviation = ENCODERS[self.widths.encoder]
         normalised = (picture - mean) / deviation
         normalised = functional.pad(normalised, (0, -width % MULTIPLE, 0, -height % MULTIPLE))
         encoded = self.picture_encoder(normalised.contiguous(memory_format=torch.channels_last))
-        classes = self.picture_decoder(encoded)
+        return Seen((height, width), encoded, self.picture_decoder(encoded))
+
+    def forward(self, picture: Tensor | Seen, sound: SoundFeatures | None = None) -> ListenerOutput:
+        """The answers for B pictures with K sounds each.
+
+        Args:
+            picture: (B, 3, H, W) float, 0 to 1; padded to a multiple of `MULTIPLE` here; or `see` of it.
+            sound: of `hear`, of B·K sounds: the K of the first picture, then those of the second, …; None: the classes
+                of pixels alone are answered.
+        """
+        (height, width), encoded, classes = picture if isinstance(picture, Seen) else self.see(picture)
         if sound is None:
             return ListenerOutput(
                 classes,

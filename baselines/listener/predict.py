@@ -165,7 +165,7 @@ class ListenerMethod:
         if look.mirrored:
             clips, views = clips.flip(1), views.clone()
             views[:, 2] = 1 - views[:, 2]
-        found = self.network(self._shown(look, pictures), hear(clips, views, (look.side, look.side)))
+        found = self.network(self.encoded(look, pictures), hear(clips, views, (look.side, look.side)))
         masks, classes = look.cells_of(found.mask), look.cells_of(found.classes)
         said = self.calibration
         by_mask, bias = (said.mask, said.bias) if said else (1.0, 0.0)
@@ -179,6 +179,10 @@ class ListenerMethod:
             Answer(mask, what, names[:named], float(names[named]) if len(names) > named else 0.0)
             for mask, what, names in zip(*numbers, strict=True)
         ]
+
+    def encoded(self, look: Look, pictures: Sequence[NDArray[np.uint8]]) -> Any:
+        """What goes into the network for one look at pictures: these, or what it saw of them before."""
+        return self._shown(look, pictures)
 
     def class_maps(self, frames: Sequence[Frame]) -> list[NDArray[np.float32]]:
         """(8, n, n) of each frame: the probability of each class at each pixel, from the picture alone, as in `seen`.
