@@ -164,7 +164,7 @@ def test_figures_are_those_of_the_mask_of_the_surest_pixel_and_of_the_loudest_ca
     )  # fmt: skip
     monkeypatch.setattr("baselines.listener.model.hear", lambda *_: None)
     bank, fabric = SimpleNamespace(gather=lambda *_: batch), SimpleNamespace(autocast=nullcontext)
-    table: Any = SimpleNamespace(view=[0, 1, 2, 3], audible=[[]] * 4, others=[False] * 4)
+    table: Any = SimpleNamespace(view=[0, 1, 2, 3], heard=lambda sounds: np.zeros((len(sounds), 8), np.bool_))
     network = saying(columns(slice(0, 64), slice(0, 128), slice(188, 252), slice(0, 9)), [0, 1, 1, 3])
     found = ablation.look_at(network, bank, table, np.arange(4), fabric)
     figures = ablation.figures_of(found, 0.5, 0.5)

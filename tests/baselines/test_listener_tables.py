@@ -19,6 +19,7 @@ from baselines import sound_control  # noqa: E402
 from baselines.listener import weights  # noqa: E402
 from baselines.listener.marks import ListenerMarker  # noqa: E402
 from baselines.listener.model import Listener  # noqa: E402
+from baselines.listener.predict import ListenerMethod  # noqa: E402
 from benchmarks import listener_failures, listener_page, listener_tables  # noqa: E402
 from benchmarks.listener_tables import ROWS, RUN_JSON, labelled, rows_of  # noqa: E402
 from tests.support import score_examples, tiny_scenes  # noqa: E402
@@ -81,6 +82,30 @@ def test_labels_are_names_of_folders_unless_they_are_given(tmp_path: Path) -> No
     assert found == {"open": tmp_path / "open", "other": tmp_path / "open"}
     with pytest.raises(click.UsageError, match="another dataset has the label open"):
         labelled(["a/open", "b/open"])
+
+
+def test_a_picture_is_seen_once_whatever_is_heard(monkeypatch: pytest.MonkeyPatch) -> None:
+    torch.manual_seed(0)
+    rng = np.random.default_rng(0)
+    network, seen = Listener(SMALL).eval(), []
+    see = network.see
+    monkeypatch.setattr(network, "see", lambda picture: seen.append(picture) or see(picture))
+    pictures = list(rng.integers(0, 256, (2, 64, 64, 3), np.uint8))
+    cameras = np.asarray([(0.5, 0.5, 0.5, 0.5)] * 2, np.float32)
+    first = rng.standard_normal((2, 2, 44_100)).astype(np.float32) * 0.1
+    plain = ListenerMethod(network, torch.device("cpu"), "")
+    shared = listener_tables.SharedLooks(**vars(plain))
+    with torch.inference_mode():
+        for sounds in (first, first[:, ::-1].copy(), np.zeros_like(first)):
+            before = len(seen)
+            alone = plain.answers(pictures, sounds, cameras)
+            looks, before = len(seen) - before, len(seen)
+            for one, other in zip(alone, shared.answers(pictures, sounds, cameras), strict=True):
+                np.testing.assert_array_equal(one.mask, other.mask)
+                np.testing.assert_array_equal(one.audible, other.audible)
+            assert len(seen) - before == (looks if sounds is first else 0)
+        shared.answers(pictures[::-1], first, cameras)
+    assert len(seen) - before == looks, "other pictures are looked at"
 
 
 @pytest.mark.slow
