@@ -200,7 +200,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class SharedLooks(ListenerMethod):
-    """A listener that looks at each picture of observations with the same pictures once, whatever is heard.
+    """A listener that looks at each picture of observations with the same pictures once, whatever its copies hear.
 
     Attributes:
         kept: name of a frame → classes of its pixels.
@@ -237,15 +237,14 @@ def _network(weights: Path | None, device: str, refine: Any, looks: Any) -> List
 
 def _write_siblings(root: Path, folders: dict[Row, SubmissionFolder], plan: Plan, keys: Sequence[str]) -> None:
     """Write the masks of several rows for observations with the same pictures, in a worker process on one device."""
-    found = _network(plan.weights, plan.devices[os.getpid() % len(plan.devices)], plan.refine, plan.looks)
-    kept: dict[str, NDArray[np.float32]] = {}
-    before: dict[Any, Any] = {}
+    device = plan.devices[os.getpid() % len(plan.devices)]
+    shared = SharedLooks(**vars(_network(plan.weights, device, plan.refine, plan.looks)))
     places: dict[str, Any] = {}
     for key in keys:
         frames = Observation(root, key).test
         # One sound after another: what is found by place is kept for the last one.
         for row in sorted(folders, key=lambda row: row.sound):
-            network = SharedLooks(**{**vars(found), "hearing": row.sound}, kept=kept, before=before)
+            network = replace(shared, hearing=row.sound)
             method = network if row.answer == "sounding" else DirectionMethod(network, row.answer, places)
             for frame, one in zip(frames, method.predictions(frames), strict=True):
                 folders[row].write_mask(frame, one.mask, one.categories)

@@ -224,6 +224,9 @@ def test_options_of_the_listener_need_its_masks(data: Path, tmp_path: Path, opti
         CliRunner().invoke(baseline, [*arguments, "--device", "cpu"], catch_exceptions=False)
 
 
+# The pipeline
+
+
 @dataclass(frozen=True)
 class TrueMarker:
     """A perfect network: the oracle's masks of the category; or one that recognises it in every third frame only."""
