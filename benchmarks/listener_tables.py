@@ -17,8 +17,8 @@ from __future__ import annotations
 import os
 import platform
 import time
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -41,7 +41,7 @@ from avs3d_bench.runtime.provenance import provenance
 from avs3d_bench.submission import SubmissionFolder, SubmissionWriter
 from baselines import sound_control
 from baselines.direction_alone import DirectionMethod, load_direction_marker
-from baselines.listener.marks import MARKING_LOOKS
+from baselines.listener.marks import MARKING_LOOKS, ListenerMarker, load_marker
 from baselines.listener.predict import ListenerMethod, Look
 from baselines.sound_control import SoundControl
 
@@ -174,6 +174,11 @@ class Plan:
         """Folder of a row's submission."""
         return self.work / "submissions" / label / row.name
 
+    @property
+    def stages(self) -> Path:
+        """Folder of what the rows of EchoSegnet keep and share."""
+        return self.work / "stages"
+
     def said(self, row: Row) -> dict[str, Any]:
         """What decides a row, besides the dataset and the software."""
         found: dict[str, Any] = {"only": list(self.only)}
@@ -210,10 +215,12 @@ class SharedLooks(ListenerMethod):
     kept: dict[str, NDArray[np.float32]] = field(default_factory=dict)
     before: dict[Any, Any] = field(default_factory=dict)
 
-    def encoded(self, look: Look, pictures: Sequence[NDArray[np.uint8]]) -> Any:
+    def encoded(self, look: Look, pictures: Sequence[NDArray[np.uint8]], *, again: bool = True) -> Any:
         """See `ListenerMethod.encoded`."""
         key = look, *(picture.tobytes() for picture in pictures)
         if key not in self.before:
+            if not again:
+                return super().encoded(look, pictures)
             self.before[key] = self.network.see(self._shown(look, pictures))
         return self.before[key]
 
@@ -235,10 +242,15 @@ def _network(weights: Path | None, device: str, refine: Any, looks: Any) -> List
     return load_method(weights, device=device, refine=refine, looks=looks)
 
 
-def _write_siblings(root: Path, folders: dict[Row, SubmissionFolder], plan: Plan, keys: Sequence[str]) -> None:
-    """Write the masks of several rows for observations with the same pictures, in a worker process on one device."""
+def _shared(plan: Plan, refine: Any, looks: Any) -> SharedLooks:
+    """What a worker process has for observations with the same pictures, on one of the devices."""
     device = plan.devices[os.getpid() % len(plan.devices)]
-    shared = SharedLooks(**vars(_network(plan.weights, device, plan.refine, plan.looks)))
+    return SharedLooks(**vars(_network(plan.weights, device, refine, looks)))
+
+
+def _write_siblings(root: Path, folders: dict[Row, SubmissionFolder], plan: Plan, keys: Sequence[str]) -> None:
+    """Write the masks of several rows for observations with the same pictures, in a worker process."""
+    shared = _shared(plan, plan.refine, plan.looks)
     places: dict[str, Any] = {}
     for key in keys:
         frames = Observation(root, key).test
@@ -267,12 +279,31 @@ def _write_heard(dataset: Dataset, label: str, rows: Sequence[Row], plan: Plan) 
                 overwrite=True,
             )
             folders[row] = stack.enter_context(writer).folder
-        groups = by_pictures(dataset.select(*plan.only)).values()
-        keys = [[each.key for each in group] for group in groups]
-        sizes = [sum(len(each.test) for each in group) for group in groups]
-        each = partial(_write_siblings, dataset.root, folders, plan)
-        for _ in process_each(each, keys, workers=plan.workers, label="rows in 2D", progress=True, sizes=sizes):
-            pass
+        _each_siblings(partial(_write_siblings, dataset.root, folders, plan), dataset, plan, "rows in 2D")
+
+
+def _each_siblings(work: Callable[[list[str]], None], dataset: Dataset, plan: Plan, label: str) -> None:
+    """Call ``work`` with the keys of observations that have the same pictures, in worker processes."""
+    groups = by_pictures(dataset.select(*plan.only)).values()
+    keys = [[each.key for each in group] for group in groups]
+    sizes = [sum(len(each.test) for each in group) for group in groups]
+    for _ in process_each(work, keys, workers=plan.workers, label=label, progress=True, sizes=sizes):
+        pass
+
+
+def _mark_siblings(root: Path, rows: Sequence[Row], plan: Plan, keys: Sequence[str]) -> None:
+    """Keep the masks of train frames, of rows of EchoSegnet, of observations with the same pictures."""
+    from baselines.echosegnet.cache import Stages
+    from baselines.echosegnet.heard_categories import work_folder
+    from baselines.echosegnet.network_masks import NetworkMasks
+
+    shared = _shared(plan, "edges", MARKING_LOOKS)
+    sources = [NetworkMasks(replace(marker_of(row, plan), loaded=shared)) for row in rows]
+    for key in keys:
+        observation = Observation(root, key)
+        stages = Stages(work_folder(plan.stages, observation))
+        for source in sources:
+            source.found(observation, shared.device, stages)
 
 
 def write_rows(dataset: Dataset, label: str, rows: Sequence[Row], plan: Plan) -> None:
@@ -294,10 +325,10 @@ def write_rows(dataset: Dataset, label: str, rows: Sequence[Row], plan: Plan) ->
 
 
 def together(rows: Iterable[Row]) -> list[list[Row]]:
-    """Rows that are computed together: all in 2D, by the same processes; those by place share what the network sees."""
+    """Rows that share what the network sees: all in 2D, written together, and all of EchoSegnet, for their marks."""
     found: dict[str, list[Row]] = {}
     for row in rows:
-        found.setdefault("in 2D" if row.kind in HEARD else row.name, []).append(row)
+        found.setdefault("in 2D" if row.kind in HEARD else "lifted" if row.kind in LIFTED else row.name, []).append(row)
     return list(found.values())
 
 
@@ -317,19 +348,22 @@ def lifted_answer(row: Row, plan: Plan) -> Any:
     return plan.answer if row.answer == "sounding" else row.answer
 
 
+def marker_of(row: Row, plan: Plan) -> ListenerMarker:
+    """What marks train frames in a row of EchoSegnet."""
+    answer = lifted_answer(row, plan)
+    if answer == "direction":
+        return load_direction_marker(plan.weights, hearing=row.sound)
+    return load_marker(plan.weights, which=answer, hearing=row.sound)
+
+
 def lifting(row: Row, plan: Plan) -> tuple[NetworkMasks, Settings]:
     """The source of the masks and the settings of a row of EchoSegnet."""
     from baselines.echosegnet.densify import DensityControl
     from baselines.echosegnet.network_masks import NetworkMasks
     from baselines.echosegnet.pipeline import Settings, default_threshold
     from baselines.echosegnet.train import TrainingSettings
-    from baselines.listener.marks import load_marker
 
-    answer = lifted_answer(row, plan)
-    if answer == "direction":
-        source = NetworkMasks(load_direction_marker(plan.weights, hearing=row.sound))
-    else:
-        source = NetworkMasks(load_marker(plan.weights, which=answer, hearing=row.sound))
+    source = NetworkMasks(marker_of(row, plan))
     variant: Variant = "spatial" if row.setting == "spatial" else "official"
     density = DensityControl(max_gaussians=plan.max_gaussians)
     settings = Settings(
@@ -346,7 +380,13 @@ def _write_lifted(dataset: Dataset, path: Path, row: Row, plan: Plan, common: di
     from baselines.echosegnet.run import write_echosegnet
 
     source, settings = lifting(row, plan)
-    write_echosegnet(dataset, path, source, settings, work=plan.work / "stages", devices=plan.devices, **common)
+    write_echosegnet(dataset, path, source, settings, work=plan.stages, devices=plan.devices, **common)
+
+
+def _mark(dataset: Dataset, rows: Sequence[Row], plan: Plan) -> None:
+    """Keep the masks of train frames of rows of EchoSegnet, made from one look at each picture; the rows find them."""
+    with suppress(Avs3dError):  # the rows say it
+        _each_siblings(partial(_mark_siblings, dataset.root, rows, plan), dataset, plan, "marks of train frames")
 
 
 def is_current(path: Path, entry: dict[str, Any] | None, dataset: Dataset, said: dict[str, Any]) -> bool:
@@ -412,21 +452,23 @@ def run_all(roots: dict[str, Path], rows: Sequence[Row], plan: Plan) -> list[str
                     click.echo(f"{name}: left out: {missing}")
                 else:
                     wanted.append(row)
-            if not wanted:
-                continue
-            try:
-                found = run_rows(label, dataset, wanted, plan)
-            except Avs3dError as error:
-                failed += [f"{label}-{row.name}: {error}" for row in wanted]
-                click.echo(f"{label}: {', '.join(row.name for row in wanted)}: failed: {error}", err=True)
-                continue
-            with wait_for_lock(plan.output / f".{RUN_JSON}.lock"):
-                document = _read_run(plan)  # another run may score another dataset into the same folder
-                document["datasets"][label] = named
-                document["rows"] |= found
-                write_json(plan.output / RUN_JSON, document)
-            for name, entry in found.items():
-                click.echo(f"{name}: {entry['seconds']} s")
+            lifted = bool(wanted) and wanted[0].kind in LIFTED
+            if lifted:
+                _mark(dataset, wanted, plan)
+            for each in [[row] for row in wanted] if lifted else [wanted] if wanted else []:
+                try:
+                    found = run_rows(label, dataset, each, plan)
+                except Avs3dError as error:
+                    failed += [f"{label}-{row.name}: {error}" for row in each]
+                    click.echo(f"{label}: {', '.join(row.name for row in each)}: failed: {error}", err=True)
+                    continue
+                with wait_for_lock(plan.output / f".{RUN_JSON}.lock"):
+                    document = _read_run(plan)  # another run may score another dataset into the same folder
+                    document["datasets"][label] = named
+                    document["rows"] |= found
+                    write_json(plan.output / RUN_JSON, document)
+                for name, entry in found.items():
+                    click.echo(f"{name}: {entry['seconds']} s")
     return failed
 
 
@@ -481,7 +523,6 @@ def main(
 ) -> None:
     """Compute the scores of the listener's tables on the datasets."""
     from baselines.echosegnet.jobs import all_devices
-    from baselines.listener.marks import load_marker
 
     roots = labelled(datasets)
     devices = devices or all_devices()

@@ -55,6 +55,7 @@ class ListenerMarker:
         which: see the module.
         calibration: of the weights, if they name one; it has the thresholds.
         hearing: what the network hears in place of a frame's own sound.
+        loaded: the network, where it is loaded already; None: where it is used, a process loads and keeps it.
     """
 
     weights: Path | None
@@ -62,6 +63,7 @@ class ListenerMarker:
     which: Which = "category"
     calibration: Calibration | None = None
     hearing: SoundControl = "own"
+    loaded: ListenerMethod | None = None
 
     @property
     def threshold(self) -> float:
@@ -103,7 +105,7 @@ class ListenerMarker:
         Raises:
             Avs3dError: if the weights are others than those of ``digest``.
         """
-        kept = _method(self.weights, str(device))
+        kept = self.loaded or _method(self.weights, str(device))
         method = replace(kept, threshold=self.threshold, share=self.share, hearing=self.hearing)
         if method.digest != self.digest:
             raise Avs3dError(

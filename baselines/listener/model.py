@@ -252,7 +252,7 @@ class SoundingDecoder(nn.Module):
         """(B·K, h, w) logits at stride 2.
 
         Args:
-            encoded: of B pictures, strides 2 to 32.
+            encoded: of B pictures, strides 4 to 32.
             tokens: (B·K, m, C).
             match: (B·K, 1, h, w) at stride 2.
             where: (B·K, D, h/2, w/2) at stride `FINEST`.
@@ -266,7 +266,7 @@ class SoundingDecoder(nn.Module):
         for layer in self.attention:
             cells = layer(cells, tokens)
         x = cells.transpose(1, 2).unflatten(-1, x.shape[-2:])
-        for level, skip, stride in zip(self.levels, encoded[-2:0:-1], (16, 8, FINEST), strict=True):
+        for level, skip, stride in zip(self.levels, encoded[-2::-1], (16, 8, FINEST), strict=True):
             x = level(x, skip, cues[stride])
         fine = functional.interpolate(self.head(x), scale_factor=2.0, mode="bilinear", align_corners=False)
         odds = torch.logit(match[:, 0].float(), eps=1e-4).clamp(-MOST_ODDS, MOST_ODDS).to(fine.dtype)
@@ -278,7 +278,7 @@ class Seen(NamedTuple):
 
     Attributes:
         size: (height, width) of the pictures.
-        encoded: strides 2 to 32, of the padded pictures.
+        encoded: strides 4 to 32, of the padded pictures.
         classes: (B, CLASSES, h, w) logits at stride 2.
     """
 
@@ -325,7 +325,7 @@ class Listener(nn.Module):
         normalised = (picture - mean) / deviation
         normalised = functional.pad(normalised, (0, -width % MULTIPLE, 0, -height % MULTIPLE))
         encoded = self.picture_encoder(normalised.contiguous(memory_format=torch.channels_last))
-        return Seen((height, width), encoded, self.picture_decoder(encoded))
+        return Seen((height, width), encoded[1:], self.picture_decoder(encoded))
 
     def forward(self, picture: Tensor | Seen, sound: SoundFeatures | None = None) -> ListenerOutput:
         """The answers for B pictures with K sounds each.

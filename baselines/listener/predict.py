@@ -180,8 +180,14 @@ class ListenerMethod:
             for mask, what, names in zip(*numbers, strict=True)
         ]
 
-    def encoded(self, look: Look, pictures: Sequence[NDArray[np.uint8]]) -> Any:
-        """What goes into the network for one look at pictures: these, or what it saw of them before."""
+    def encoded(self, look: Look, pictures: Sequence[NDArray[np.uint8]], *, again: bool = True) -> Any:
+        """What goes into the network for one look at pictures: these, or what it saw of them before.
+
+        Args:
+            look: at the pictures.
+            pictures: of the same size.
+            again: whether they may be looked at again, with another sound.
+        """
         return self._shown(look, pictures)
 
     def class_maps(self, frames: Sequence[Frame]) -> list[NDArray[np.float32]]:
@@ -203,7 +209,8 @@ class ListenerMethod:
                 looks = looks_at(pictures[0].shape[1], self.looks, self.finest)
                 size, maps = max(look.side for look in looks) // 2, []
                 for look in looks:
-                    found = look.cells_of(self.network(self._shown(look, pictures)).classes).softmax(dim=1)
+                    classes = self.network(self.encoded(look, pictures, again=False)).classes
+                    found = look.cells_of(classes).softmax(dim=1)
                     maps.append(functional.interpolate(found, (size, size), mode="bilinear", align_corners=False))
                 out += list(self._finite(sum(maps) / len(maps)))
         return out

@@ -15,11 +15,15 @@ from avs3d_bench.formats.files import read_json, write_json
 
 torch = pytest.importorskip("torch", reason="torch is not installed: the listener cannot run")
 
+from avs3d_bench.dataset import Dataset  # noqa: E402
 from baselines import sound_control  # noqa: E402
+from baselines.echosegnet.cache import Stages  # noqa: E402
+from baselines.echosegnet.heard_categories import work_folder  # noqa: E402
+from baselines.echosegnet.network_masks import NetworkMasks  # noqa: E402
 from baselines.listener import weights  # noqa: E402
 from baselines.listener.marks import ListenerMarker  # noqa: E402
 from baselines.listener.model import Listener  # noqa: E402
-from baselines.listener.predict import ListenerMethod  # noqa: E402
+from baselines.listener.predict import ListenerMethod, looks_at  # noqa: E402
 from benchmarks import listener_failures, listener_page, listener_tables  # noqa: E402
 from benchmarks.listener_tables import ROWS, RUN_JSON, labelled, rows_of  # noqa: E402
 from tests.support import score_examples, tiny_scenes  # noqa: E402
@@ -106,6 +110,35 @@ def test_a_picture_is_seen_once_whatever_is_heard(monkeypatch: pytest.MonkeyPatc
             assert len(seen) - before == (looks if sounds is first else 0)
         shared.answers(pictures[::-1], first, cameras)
     assert len(seen) - before == looks, "other pictures are looked at"
+
+
+@pytest.mark.slow
+def test_marks_of_all_rows_of_echosegnet_are_made_from_one_look_at_each_picture(
+    ran: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The masks are those that each row would make by itself, and the rows find them."""
+    plan = listener_tables.Plan(
+        tmp_path, tmp_path, ran / "weights", "", "category", ("cpu",), 1, 10, None, (tiny_scenes.FIRST,)
+    )
+    rows = rows_of(["spatial", "spatial-swapped-ears", "spatial-direction"])
+    shown: list[int] = []
+    see = Listener.see
+    monkeypatch.setattr(Listener, "see", lambda self, picture: shown.append(len(picture)) or see(self, picture))
+    dataset = Dataset(ran / "scenes")
+    listener_tables._mark(dataset, rows, plan)
+    (observation,) = dataset.select(tiny_scenes.FIRST)
+    looks = looks_at(observation.intrinsics.width, "several")
+    assert sum(shown) == len(observation.train) * len(looks)
+    cpu = torch.device("cpu")
+    for row in rows:
+        masks = NetworkMasks(listener_tables.marker_of(row, plan))
+        before = len(shown)
+        kept = masks.found(observation, cpu, Stages(work_folder(plan.stages, observation)))
+        assert len(shown) == before
+        alone = masks.found(observation, cpu, Stages(tmp_path / "alone"))
+        assert len(shown) > before
+        assert kept.files.keys() == alone.files.keys() == {frame.name for frame in observation.train}
+        assert all(np.array_equal(kept.files[name], alone.files[name]) for name in kept.files)
 
 
 @pytest.mark.slow
