@@ -344,8 +344,9 @@ def _opened(folder: Path) -> ShardStore:
 
 def _spread(numbers: Sequence[int]) -> NDArray[np.int64]:
     """At most `MOST_FRAMES` of them, evenly."""
-    chosen = np.linspace(0, len(numbers) - 1, min(len(numbers), MOST_FRAMES)).round().astype(int)
-    return np.asarray([numbers[n] for n in chosen], np.int64)
+    from baselines.listener.validation import spread
+
+    return np.asarray(spread(numbers, MOST_FRAMES), np.int64)
 
 
 # ---- scores
