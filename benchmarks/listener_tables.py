@@ -435,41 +435,47 @@ def _read_run(plan: Plan) -> dict[str, Any]:
 
 def run_all(roots: dict[str, Path], rows: Sequence[Row], plan: Plan) -> list[str]:
     """Run the rows that are not there yet and whose sounds the datasets have; messages of those that failed."""
-    document = _read_run(plan)
     failed = []
     for some in together(rows):
         for label, root in roots.items():
-            dataset = Dataset(root)
-            named = {"name": dataset.name, "version": dataset.record and dataset.record.version}
+            dataset, known = Dataset(root), _read_run(plan)["rows"]
             wanted = []
             for row in some:
                 name = f"{label}-{row.name}"
                 if row.scenes and not all(observation.is_part_3 for observation in dataset):
                     continue
-                if is_current(plan.scores(label, row), document["rows"].get(name), dataset, plan.said(row)):
+                if is_current(plan.scores(label, row), known.get(name), dataset, plan.said(row)):
                     click.echo(f"{name}: there already")
                 elif missing := lacking(dataset, row, plan.only):
                     click.echo(f"{name}: left out: {missing}")
                 else:
                     wanted.append(row)
-            lifted = bool(wanted) and wanted[0].kind in LIFTED
-            if lifted:
+            if not wanted:
+                continue
+            parts = [wanted]
+            if wanted[0].kind in LIFTED:
                 _mark(dataset, wanted, plan)
-            for each in [[row] for row in wanted] if lifted else [wanted] if wanted else []:
+                parts = [[row] for row in wanted]
+            for part in parts:
                 try:
-                    found = run_rows(label, dataset, each, plan)
+                    found = run_rows(label, dataset, part, plan)
                 except Avs3dError as error:
-                    failed += [f"{label}-{row.name}: {error}" for row in each]
-                    click.echo(f"{label}: {', '.join(row.name for row in each)}: failed: {error}", err=True)
-                    continue
-                with wait_for_lock(plan.output / f".{RUN_JSON}.lock"):
-                    document = _read_run(plan)  # another run may score another dataset into the same folder
-                    document["datasets"][label] = named
-                    document["rows"] |= found
-                    write_json(plan.output / RUN_JSON, document)
-                for name, entry in found.items():
-                    click.echo(f"{name}: {entry['seconds']} s")
+                    failed += [f"{label}-{row.name}: {error}" for row in part]
+                    click.echo(f"{label}: {', '.join(row.name for row in part)}: failed: {error}", err=True)
+                else:
+                    _record(label, dataset, found, plan)
     return failed
+
+
+def _record(label: str, dataset: Dataset, found: dict[str, dict[str, Any]], plan: Plan) -> None:
+    """Write down what `run_rows` found."""
+    with wait_for_lock(plan.output / f".{RUN_JSON}.lock"):
+        document = _read_run(plan)  # another run may score another dataset into the same folder
+        document["datasets"][label] = {"name": dataset.name, "version": dataset.record and dataset.record.version}
+        document["rows"] |= found
+        write_json(plan.output / RUN_JSON, document)
+    for name, entry in found.items():
+        click.echo(f"{name}: {entry['seconds']} s")
 
 
 def rows_of(names: Sequence[str]) -> list[Row]:
